@@ -73,7 +73,6 @@ class Machine:
         return self
 
     def __exit__(self, *_: object) -> None:
-        assert self._process is not None
         self._process.terminate()  # nspawn powers the machine off
         try:
             self._process.wait(20)
@@ -105,7 +104,6 @@ class Machine:
         while not holds():
             took = time.monotonic() - start
             assert took < within_s, f"not within {within_s:g} s"
-            assert self._process is not None
             assert self._process.poll() is None, "the machine is off"
             time.sleep(0.02)
         return time.monotonic() - start
@@ -169,7 +167,6 @@ class Machine:
         return binds
 
     def _is_up(self) -> bool:
-        assert self._process is not None
         children = Path(f"/proc/{self._process.pid}/task/{self._process.pid}/children").read_text().split()
         for child in children:
             if _field(Path(f"/proc/{child}/status"), "NSpid").split()[-1:] == ["1"]:

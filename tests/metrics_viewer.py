@@ -27,7 +27,6 @@ class MetricsViewer:
         self.process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
 
     def __enter__(self) -> MetricsViewer:
-        assert self.process.stderr is not None
         if self._listens:
             assert self.address in self.process.stderr.readline()
         return self

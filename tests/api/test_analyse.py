@@ -63,14 +63,11 @@ def test_a_file_its_arrays_and_the_command_give_equal_reports(tmp_path: Path, ef
     assert comparable(of_mapping.report) == comparable(of_file.report)
     assert comparable(printed) == comparable(of_file.report)
     x = of_file["gyro/x"].N
-    assert x is not None
     if effect == "quantised":
         assert (x.status, x.value) == ("pending", None)
         assert x.reason
     else:
         low, high = x.interval
-        assert low is not None
-        assert high is not None
         assert 0.98 * low < N < 1.02 * high
 
 
@@ -147,10 +144,8 @@ def test_increments_averages_and_units_are_one_measurement() -> None:
     degrees = imumon.analyse(np.degrees(rates), rate_hz=RATE, kind="average", units={"gyro": "deg/s"})[
         "gyro/x"
     ].N
-    assert average is not None
     assert average.value is not None
     for other in (increment, degrees):
-        assert other is not None
         assert other.value == pytest.approx(average.value, rel=1e-9)
 
 

@@ -32,12 +32,10 @@ def days() -> list[Measurement]:
 def test_the_limits_of_a_combination_hold_the_scatter_between_records(days: list[Measurement]) -> None:
     combined = imumon.combine(days)
     n = combined["gyro/x"].N
-    assert n is not None
     assert n.value == pytest.approx(1e-4, rel=0.02)
     low, high = n.interval
     assert (low or 0.0) < 0.95e-4 < 1.05e-4 < (high or 0.0)
     assert (n.high or 0.0) - (n.low or 0.0) < 0.2 * ((high or 0.0) - (low or 0.0)), "beyond their statistics"
-    assert combined["gyro/x"].K is not None
     assert combined["gyro/x"].K.status == "upper_bound"
     assert combined.report.session.samples == 90_000
     assert combined.report.device.sample_rate_hz is None
@@ -59,7 +57,6 @@ def test_the_command_combines_files(tmp_path: Path, days: list[Measurement]) -> 
     printed = json.loads(command("replay", *paths, "--rate", "100", "--json"))
     expected = imumon.combine([imumon.analyse(path, rate_hz=100.0) for path in paths])
     n = expected["gyro/x"].N
-    assert n is not None
     assert printed["channels"]["gyro/x"]["N"]["value"] == n.value
     assert printed["channels"]["gyro/x"]["N"]["combined_high"] == n.combined_high
     assert "N" in command("replay", *paths, "--rate", "100")
@@ -124,7 +121,6 @@ def test_one_frame_of_several_measurements(days: list[Measurement]) -> None:
     frame = imumon.compare({"monday": days[0], "friday": days[2]})
     row = frame.loc["gyro/y", "N"]
     value = days[2]["gyro/y"].N
-    assert value is not None
     assert row["friday", "value"] == value.value
     assert row["friday", "ratio"] == pytest.approx(1.05 / 0.95, rel=0.03)
     assert bool(row["friday", "differs"])

@@ -61,7 +61,6 @@ def same(live: Report, path: Path) -> Report:
         assert other.std == pytest.approx(channel.std, rel=1e-9)
         full = saved.channels[name]
         if full.allan is not None:
-            assert other.allan is not None
             assert other.allan.sigma == pytest.approx(full.allan.sigma, rel=1e-12)
         if full.drift is not None:
             assert other.drift is not None
@@ -107,7 +106,6 @@ def test_a_lost_link_is_in_the_recording(tmp_path: Path) -> None:
             live, _ = ended(daemon)
     assert same(live, path).session.gaps == 1
     [gap] = [item for item in RawCapture(str(path)).items() if isinstance(item, Gap)]
-    assert gap.length_s is not None
     assert 0.0 < gap.length_s < 10.0
 
 

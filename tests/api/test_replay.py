@@ -101,8 +101,6 @@ def test_a_report_lists_what_was_excluded_and_when(tmp_path: Path) -> None:
     excluded = [event for event in report.events if event.kind == "disturbance"]
     assert len(excluded) == report.session.disturbances
     for event in excluded:
-        assert event.elapsed_s is not None
-        assert event.length_s is not None
         assert any(event.elapsed_s - 5.0 < k / 40.0 < event.elapsed_s + event.length_s + 5.0 for k in at)
     times = [event.elapsed_s or 0.0 for event in report.events]
     assert times == sorted(times)
@@ -208,7 +206,6 @@ def test_a_replay_on_the_bus_has_one_name_in_its_keys_and_its_reports(tmp_path: 
     with Publisher("replay", listen=[place]) as bus, Subscriber([place]) as viewer:
         final = replay(ReplayOptions(path=str(path)), bus=bus)
         report = viewer.wait_report("replay", timeout=60.0)
-    assert report is not None
     assert (report.device.id, final.device.id) == ("replay", "vn100-7")
 
 

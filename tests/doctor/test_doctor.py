@@ -302,7 +302,6 @@ def test_another_reader_of_the_port_is_named(case: Case, tmp_path: Path) -> None
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
         ) as other:
-            assert other.stdout is not None
             other.stdout.readline()
             used = by_name(case, sensor.path)["port"]
             done = forked.run("run", "--port", sensor.path, "--state", str(tmp_path))

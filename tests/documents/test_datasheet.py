@@ -189,7 +189,6 @@ def test_axes_move_together_only_beyond_chance() -> None:
         channels = dict(report.channels)
         for name, other in (("gyro/x", "gyro/y"), ("gyro/y", "gyro/x")):
             shape = channels[name].distribution
-            assert shape is not None
             shape = replace(shape, correlation={other: 0.76}, effective_samples=independent)
             channels[name] = replace(channels[name], distribution=shape)
         shown = text(replace(report, channels=channels), "md").splitlines()
@@ -247,7 +246,6 @@ def test_recording_to_report_to_datasheet_and_baseline(recording: Path, saved: P
     (tmp_path / "before.json").write_text(to_json(before))
     printed = imumon("replay", recording, "--baseline", tmp_path / "before.json")
     grown = re.search(r"^gyro/x: N has grown by (\d+) % against the baseline$", printed, re.M)
-    assert grown is not None
     assert int(grown[1]) == pytest.approx(100.0 * ((n.value or 0.0) / 3e-5 - 1.0), abs=1.0)
     assert "nothing changed" not in printed
 
@@ -294,7 +292,6 @@ def test_running_daemon_and_its_saved_state(tmp_path: Path) -> None:
     imumon("report", state, "-o", kept)
     for saved in (state, kept):
         command = re.search(r"which has no samples: imumon (.*) prints", imumon("replay", saved, code=1))
-        assert command is not None
         assert "Noise at rest" in imumon(*shlex.split(command[1]))
     data = state.read_bytes()
     state.write_bytes(data[:-100])

@@ -45,7 +45,6 @@ def with_bounded_k(report: Report) -> Report:
     channels = dict(report.channels)
     for name in ("gyro/x", "gyro/y", "gyro/z"):
         k = channels[name].coefficients["K"]
-        assert k is not None
         bounded = replace(k, status="upper_bound", value=None, low=0.0)
         channels[name] = with_coefficients(channels[name], K=bounded)
     return replace(report, channels=channels)

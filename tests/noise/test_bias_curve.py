@@ -40,7 +40,6 @@ def curves(
     heat.update(degrees[None], None, np.zeros(1))
     means = heat.result()
     estimator = Estimator(averaged=True, time_to=False)
-    assert curve.sums is not None
     sums = replace(curve.sums, degrees=means.means[:, 0] + means.offset[0])
     estimator.fit(replace(curve, sums=sums))
     return estimator.bias_curves(sums)
@@ -99,7 +98,6 @@ def fits_beside(effect: Floats, degrees: Floats) -> tuple[ChannelFit, ...]:
     cascade.update(synthesise(LENGTH, RATE, N=[N] * 8, B=B, seed=9) + effect[:, None])
     estimator = Estimator(averaged=True, time_to=False)
     curve = cascade.result()
-    assert curve.sums is not None
     return estimator.fit(replace(curve, sums=replace(curve.sums, degrees=heat.result().means[:, 0])))
 
 

@@ -18,8 +18,6 @@ def clipped_at(values: Floats, chunk: int = 1000) -> tuple[float, ...]:
         extremes.update(values[begin : begin + chunk, None])
         histogram.update(values[begin : begin + chunk, None])
     (result,), (shape,) = extremes.result(), histogram.result()
-    assert result is not None
-    assert shape is not None
     return result.clipped_at(shape)
 
 

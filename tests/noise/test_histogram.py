@@ -17,7 +17,6 @@ def shape(values: Floats, chunk: int = 5000) -> DistributionShape:
     for i in range(0, len(values), chunk):
         histogram.update(values[i : i + chunk, None])
     (result,) = histogram.result()
-    assert result is not None
     return result
 
 
@@ -78,7 +77,6 @@ def test_counts_are_exact_and_any_chunking_gives_the_same() -> None:
         results.append(histogram.result())
     assert results[0] == results[1] == results[2]
     for c, result in enumerate(results[0]):
-        assert result is not None
         assert len(result.counts) <= HISTOGRAM_BINS
         edges = result.start + result.width * np.arange(len(result.counts) + 1)
         counted, _ = np.histogram(values[valid[:, c // 2], c], edges)

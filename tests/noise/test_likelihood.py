@@ -140,12 +140,7 @@ def test_kurtosis_widens_n() -> None:
     curve = curve_of(noise(20_000, 1, seed=3))
     estimator = Estimator(averaged=False)
     plain, heavy = (estimator.fit(curve, kurtosis=[g], renew=True)[0].N for g in (0.0, 30.0))
-    assert plain.low is not None
-    assert plain.high is not None
-    assert heavy.low is not None
-    assert heavy.high is not None
     assert heavy.value == plain.value
-    assert plain.value is not None
     own, wide = ((each.high - each.low) / 3.92 / plain.value for each in (plain, heavy))  # type: ignore[operator]
     assert wide**2 - own**2 == pytest.approx(0.25 * 30.0 / 20_000, rel=0.05)
 
@@ -250,8 +245,6 @@ def test_parts_and_their_record_do_not_share_limits(records: Floats) -> None:
     parts = marked(values)
     record, part = parts.cascade.result(), parts.curve(512).sums
     other = curve_of(3.0 * values[:7_900]).sums
-    assert part is not None
-    assert other is not None
     estimator = Estimator(averaged=False)
     expected = results(estimator.fit(record))
     alone = results(Estimator(averaged=False).fit_sums(part, 7_488))
@@ -296,8 +289,6 @@ def check_sound(fit: ChannelFit) -> None:
             assert c.reason
             assert c.low is c.high is None
         else:
-            assert c.low is not None
-            assert c.high is not None
             assert 0.0 <= c.low <= (c.value or 0.5 * (c.low + c.high)) <= c.high
             assert c.value is None or c.low < c.value < c.high
     for array in (fit.model, fit.noise, fit.low, fit.high, fit.edf):

@@ -159,7 +159,6 @@ def test_what_regressors_move_has_the_stated_curve(kind: str) -> None:
         ),
         0,
     )
-    assert series is not None
     m, avar = curve_of(signal[:, None])
     stated = moved_variances_at(m, moved_variances(series, means))
     used = m >= length if kind == "step" else m > 1
@@ -218,6 +217,5 @@ def test_only_the_terms_that_decide_an_octave_are_bounded_by_it() -> None:
     assert bounded_by_curve(fit, terms, np.array([0, 1, 2]), high).coefficients == fit.coefficients
     bounded = bounded_by_curve(fit, terms, np.array([1, middle]), high)
     assert (bounded.N, bounded.K) == (fit.N, fit.K)
-    assert fit.B.value is not None
     assert bounded.B.status == "upper_bound"
     assert bounded.B.high == pytest.approx(fit.B.value * high[middle] / np.sqrt(terms[FLICKER][middle]))

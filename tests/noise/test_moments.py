@@ -33,7 +33,6 @@ def check(result: MomentsResult, values: np.ndarray, ok: np.ndarray) -> None:
         assert got.excess_kurtosis == pytest.approx(scipy.stats.kurtosis(x), rel=1e-6, abs=1e-9)
     if (n := ok[:, 0].sum()) > 1:
         pair = result.covariance[0]
-        assert pair is not None
         np.testing.assert_allclose(pair, np.cov(values[ok[:, 0], :2].T), rtol=1e-7, atol=1e-15)
         assert result.channels[0].std == pytest.approx(np.sqrt(pair[0, 0]), rel=1e-12)
     else:

@@ -22,8 +22,6 @@ def seconds(widths: list[float], samples: float = 72_000.0, precision: float = 0
 def test_what_is_reached_takes_no_time_and_what_has_no_value_takes_none() -> None:
     assert seconds([0.05, 0.1, np.inf]) == [0.0, 0.0, None]
     n, b, _ = seconds([0.11, 0.2, np.inf])
-    assert n is not None
-    assert b is not None
     assert 0.0 < n < b
 
 

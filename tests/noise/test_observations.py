@@ -18,9 +18,7 @@ def test_spectrum_and_blocks_meet_without_an_overlap(samples: int) -> None:
     cascade = OctaveCascade(1, tau0=1.0)
     cascade.update(np.random.default_rng(1).standard_normal((samples, 1)))
     sums = cascade.result().sums
-    assert sums is not None
     series = block_series(sums.blocks, 0)
-    assert series is not None
     meeting = meeting_frequency(series)
     tops = np.sort(spectral_powers(sums, 0, averaged=True).top)
     edges = np.append(tops[0] * BAND_EDGES[0] / BAND_EDGES[1], tops)
@@ -31,9 +29,7 @@ def test_every_term_has_a_positive_expectation_of_every_observation() -> None:
     cascade = OctaveCascade(1, tau0=1.0)
     cascade.update(np.random.default_rng(1).standard_normal((20_000, 1)))
     sums = cascade.result().sums
-    assert sums is not None
     series, bands = block_series(sums.blocks, 0), spectral_powers(sums, 0, averaged=False)
-    assert series is not None
     for term in TERMS:
         assert (bands.expected[term] > 0.0).all(), term.letter
         assert (series.variances[term] > 0.0).all(), term.letter
@@ -53,7 +49,6 @@ def test_what_is_interpolated_across_holes_is_expected(term: NoiseTerm, length: 
     ratios = []
     for column in range(records):
         series = block_series(blocks, column)
-        assert series is not None
         assert series.count.tolist() == [count]
         ratios.append(series.y**2 / series.variances[term])
     mean = np.mean(ratios, axis=0)
@@ -71,7 +66,6 @@ def test_expectations_are_positive_beside_missing_samples(window: int) -> None:
     cascade = OctaveCascade(1, tau0=1.0)
     cascade.update(values, valid)
     sums = cascade.result().sums
-    assert sums is not None
     bands = spectral_powers(sums, 0, averaged=False, window=window)
     for term in TERMS:
         assert (bands.expected[term] > 0.0).all(), term.letter
@@ -86,11 +80,9 @@ def test_interpolation_repeats_the_noise_of_the_blocks_beside_a_hole() -> None:
     cascade = OctaveCascade(24, tau0=1.0)
     cascade.update(values, valid)
     sums = cascade.result().sums
-    assert sums is not None
     ratios = []
     for column in range(24):
         series = block_series(sums.blocks, column)
-        assert series is not None
         assert series.count.size == 1
         low = series.order[2:80]
         ratios.append(series.y[low] ** 2 / series.variances[WHITE][low])

@@ -63,6 +63,5 @@ def test_a_second_correlated_term_is_measured_and_the_first_one_stays() -> None:
     assert second.N.low <= N <= second.N.high
     assert second.B.status == second.K.status == "upper_bound"
     assert "model_misses" not in second.caveats
-    assert first.markov is not None
     assert first.markov.sigma.low <= sigma <= first.markov.sigma.high
     assert "W" not in first.coefficients

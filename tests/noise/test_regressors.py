@@ -48,7 +48,6 @@ def fitted(values: Floats, degrees: Floats | None = None) -> tuple[ChannelFit, .
         blocks.update(np.ascontiguousarray(degrees.T), None, np.zeros(1))
         means = blocks.result().means[:, 0]
     curve = curve_of(values)
-    assert curve.sums is not None
     sums = replace(curve.sums, degrees=means)
     return Estimator(averaged=True, time_to=False).fit(replace(curve, sums=sums))
 
@@ -85,9 +84,7 @@ def test_a_drift_of_any_size_changes_no_coefficient(quiet: Floats, slope: float)
                 a, b = getattr(one, limit), getattr(other, limit)
                 size = 0.05 * (one.high - one.low)  # the grid of the likelihood
                 assert b == a or b == pytest.approx(a, abs=size), (name, limit)
-        own, before = drifting.regressor("drift"), plain.regressor("drift")
-        assert own is not None
-        assert before is not None
+        own, before = drifting.column("drift"), plain.column("drift")
         assert own.value - before.value == pytest.approx(slope, rel=1e-3)
         assert own.error == pytest.approx(before.error, rel=0.05)
 
@@ -117,8 +114,7 @@ def test_noise_has_no_significant_drift(quiet: Floats, walk: Floats) -> None:
         fits = fitted(values)
         assert all("R" not in fit.coefficients for fit in fits)
         for fit in fits:
-            column = fit.regressor("drift")
-            assert column is not None
+            column = fit.column("drift")
             ratios.append(column.value / column.error)
     assert 0.5 < float(np.std(ratios)) < 1.45  # of 24, three standard errors
 
@@ -146,9 +142,7 @@ def test_a_temperature_slope_is_recovered_and_leaves_the_noise(quiet: Floats, pe
     check_noise(fits)
     held = 0
     for fit in fits:
-        slope, drift = fit.regressor("temperature"), fit.regressor("drift")
-        assert slope is not None
-        assert drift is not None
+        slope, drift = fit.column("temperature"), fit.column("drift")
         assert fit.no_slope == ""
         held += abs(slope.value - per_degc) <= 1.96 * slope.error
         assert fit.follows_temperature == bool(per_degc)
@@ -190,8 +184,7 @@ def test_an_exponential_is_no_random_walk(quiet: Floats, size: float, time_s: fl
     fits = fitted(quiet + size * np.exp(-AT_S / time_s))
     check_noise(fits)
     for fit in fits:
-        settling = fit.regressor("settling")
-        assert settling is not None
+        settling = fit.column("settling")
         assert settling.time_constant_s == pytest.approx(time_s, rel=0.5)
         assert fit.step is None
 
@@ -221,13 +214,11 @@ def test_a_step_is_found_with_its_place_and_size_and_is_no_random_walk(quiet: Fl
     curve = curve_of(values + 9.8)
     fits = Estimator(averaged=True, time_to=False).fit(curve)
     check_noise(fits)
-    assert curve.sums is not None
     for c, fit in enumerate(fits):
         column = fit.regressor("step")
         assert (column is not None) == (fit.step is not None) == (c % 2 == 0)
         if column is not None and fit.step is not None:
             series = block_series(curve.sums.blocks, c, None)
-            assert series is not None
             slow = SlowTermSearch(series, None).result()
             (place,) = (each.place for each in slow.regressors if each.name == "step")
             assert place * series.length / RATE == pytest.approx(at * LENGTH / RATE, abs=60.0)
@@ -266,7 +257,6 @@ def test_a_missing_hour_counts_as_time(quiet: Floats) -> None:
     cascade.skip(36_000)
     cascade.update((quiet + slope * AT_S)[56_000:])
     for fit in Estimator(averaged=True, time_to=False).fit(cascade.result()):
-        drift = fit.regressor("drift")
-        assert drift is not None
+        drift = fit.column("drift")
         assert drift.value == pytest.approx(slope, abs=4.0 * drift.error)
         assert fit.K.status == "upper_bound" or math.isclose(fit.K.low or 0.0, 0.0, abs_tol=1e-6)

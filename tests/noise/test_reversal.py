@@ -28,11 +28,9 @@ def stated(
     cascade.update(values)
     curve = cascade.result()
     fits = estimator.fit(curve)
-    assert curve.sums is not None
     searches = []
     for channel in range(values.shape[1]):
         series = block_series(curve.sums.blocks, channel)
-        assert series is not None
         searches.append(SlowTermSearch(series, None))
         searches[-1].result()
     limits = [

@@ -51,7 +51,6 @@ def test_the_quarters_follow_a_change_of_n() -> None:
     n = 64 * 1024
     scale = np.repeat([1.0, 1.1, 1.2, 1.3], n // 4)[:, None]
     quarters = fed(noise(n) * scale, 999)[1].result()
-    assert quarters is not None
     estimator = Estimator(averaged=True, time_to=False)
     for factor, (sums, samples) in zip((1.0, 1.1, 1.2, 1.3), quarters, strict=True):
         assert samples == pytest.approx(n / 4, rel=0.2)
@@ -62,7 +61,6 @@ def test_the_quarters_follow_a_change_of_n() -> None:
 @pytest.mark.slow
 def test_the_quarters_of_a_steady_record_scatter_as_their_limits_say() -> None:
     quarters = fed(noise(64 * 1024, channels=8), 5000)[1].result()
-    assert quarters is not None
     fits = [Estimator(averaged=True, time_to=False).fit_sums(*each) for each in quarters]
     held = [fit.N.low <= N <= fit.N.high for each in fits for fit in each]  # type: ignore[operator]
     assert sum(held) >= 26  # of 32, at 95 %
@@ -95,8 +93,6 @@ def test_the_quarters_do_not_depend_on_chunks_and_continue_from_a_saved_state() 
     assert restored.next_end == whole.next_end
     results = [quarters.result() for quarters in (whole, chunked, restored)]
     for other in results[1:]:
-        assert results[0] is not None
-        assert other is not None
         for (one, samples), (two, count) in zip(results[0], other, strict=True):
             assert samples == count
             np.testing.assert_array_equal(one.blocks.means, two.blocks.means)
@@ -149,7 +145,6 @@ def test_a_stretch_in_progress_grows_and_one_without_samples_is_none() -> None:
     assert [each.length_s for each in record.ended().stretches].count(3600) == 2
     record.add(noise(HOUR))  # a gap ends only the stretches that it lies in
     stretch = record.stretch_in_progress(3600)
-    assert stretch is not None
     assert stretch.moments.result().channels[0].count == 9000
     assert [each.length_s for each in record.ended().stretches] == [3600]
 
@@ -165,9 +160,7 @@ def test_the_record_is_its_own_for_any_chunking_and_after_a_restart() -> None:
         elif at > 4321 * 8:
             restored.add(values[at : at + 4321])
     one, other, third = (record.curve() for record in (*records, restored))
-    assert one.sums is not None
     for curve in (other, third):
-        assert curve.sums is not None
         np.testing.assert_array_equal(one.avar, curve.avar)
         np.testing.assert_array_equal(one.sums.blocks.means, curve.sums.blocks.means)
     for a, b, c in zip(one.sums.levels, other.sums.levels, third.sums.levels, strict=True):  # type: ignore[union-attr]
@@ -218,7 +211,6 @@ def test_a_change_is_beyond_chance_and_large() -> None:
 def test_parts_together_are_known_as_well_as_their_number_says() -> None:
     (whole,) = joined([limited(1e-4), limited(1e-4)]).values()
     assert whole.value == pytest.approx(1e-4)
-    assert whole.high is not None
     assert whole.high / 1e-4 - 1.0 == pytest.approx(0.01 / np.sqrt(2.0), rel=0.05)
     assert joined([limited(1e-4), {"N": Estimate()}]) == {}
 
@@ -316,8 +308,7 @@ def test_the_temperature_of_a_record_and_of_its_stretches_explains_the_bias() ->
     assert len(parts) == 3
     for steady, following in parts:
         assert not steady.follows_temperature
-        slope = following.regressor("temperature")
-        assert slope is not None
+        slope = following.column("temperature")
         assert following.follows_temperature
         assert slope.value == pytest.approx(1e-4, abs=4.0 * slope.error)
         assert following.K.is_bound

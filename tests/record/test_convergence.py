@@ -49,7 +49,6 @@ def test_the_points_are_bounded_and_each_is_the_last_one_of_its_cell() -> None:
     for number, length in enumerate(lengths.tolist()):
         convergence.add(length, [stated(float(number))])
     part = convergence.of_channel(0)
-    assert part is not None
     assert len(part.elapsed_s) == MOST_POINTS <= 64
     assert part.elapsed_s[-1] == lengths[-1]
     assert part.coefficients["N"].value[-1] == len(lengths) - 1
@@ -63,7 +62,6 @@ def test_the_last_point_is_what_is_stated_now() -> None:
     fed(block(20 * RATE, 30 * RATE), 777, monitor)
     for state in ("running", "stopped"):
         for channel in report(monitor, state).channels.values():  # type: ignore[arg-type]
-            assert channel.convergence is not None
             for letter, series in channel.convergence.coefficients.items():
                 now = channel.estimates[letter]
                 last = (series.value[-1], series.low[-1], series.high[-1], series.status[-1])
@@ -80,12 +78,9 @@ def test_a_record_for_a_document_has_a_point_at_each_doubling_for_any_chunking()
         monitor.flush()
     first, second = report(one, "stopped"), report(other, "stopped")
     part = first.channels["gyro/x"].convergence
-    assert part is not None
     assert part.elapsed_s == (60.0, 120.0, 150.0)
     for name, channel in first.channels.items():
         mine, twin = channel.convergence, second.channels[name].convergence
-        assert mine is not None
-        assert twin is not None
         assert mine.elapsed_s == twin.elapsed_s
         for letter, series in mine.coefficients.items():
             same = twin.coefficients[letter]

@@ -62,8 +62,6 @@ def test_a_time_constant_is_a_coefficient_only_where_it_is_measured() -> None:
 
 def test_a_report_has_what_shows_and_bounds_what_is_not_separable(report: Report) -> None:
     shown, open_, flicker = (report.channels[f"gyro/{axis}"] for axis in "xyz")
-    assert shown.M is not None
-    assert open_.M is not None
     assert flicker.M is None
     for part, truth in ((shown.M.sigma, 4e-4), (shown.M.time_constant_s, 30.0)):
         assert part.status == "measured"
@@ -102,7 +100,6 @@ def test_m_of_a_sensor_that_warms_up_is_a_bound(report: Report) -> None:
         low=zeros, high=zeros, edf=zeros,
     )  # fmt: skip
     bounded = _without_slow_values(replace(fit))
-    assert bounded.markov is not None
     assert bounded.markov.sigma.status == "upper_bound"
 
 
@@ -117,9 +114,7 @@ def test_popcorn_noise_is_named_by_its_levels() -> None:
     report = analyse(noise[:, 0] + size * (2.0 * upper - 1.0), rate_hz=rate_hz).report
     channel = report.channels["gyro/x"]
     assert "popcorn" in channel.caveats
-    assert channel.model is not None
     jumps = channel.model.jumps
-    assert jumps is not None
     assert jumps.high - jumps.low == pytest.approx(2.0 * size, rel=0.1)
     assert dwell_s / 2.0 < jumps.low_s < 2.0 * dwell_s
     assert dwell_s / 2.0 < jumps.high_s < 2.0 * dwell_s
@@ -163,15 +158,12 @@ def test_k_is_a_bound_where_the_halves_contradict_each_other() -> None:
     measurement = analyse(gyro=values, rate_hz=rate)
     moved, walks, rests = (measurement.report.channels[f"gyro/{axis}"] for axis in "xyz")
     assert "halves" in moved.caveats
-    assert moved.K is not None
     assert (moved.K.status, moved.K.reason) == (
         "upper_bound",
         "the halves of the record contradict each other",
     )
-    assert moved.K.high is not None
     assert moved.K.high > 8e-6
     assert "halves" not in walks.caveats + rests.caveats
-    assert walks.K is not None
     assert walks.K.status == "measured"
 
 
@@ -189,7 +181,6 @@ def test_a_bounded_coefficient_counts_with_half_its_bound() -> None:
     report = with_bounds(make_report(LONG_S))
     channel = report.channels["gyro/x"]
     assumed = assumed_noise(channel)
-    assert assumed is not None
     assert assumed.K == 1e-6
     assert channel.coefficients["N"].value == assumed.N
     filters = filter_report(report, DEFAULT_HORIZON_S).channels
@@ -240,15 +231,12 @@ def test_correlated_noise_is_a_state_of_the_filter() -> None:
     filters = filter_report(report, 600.0).channels
     shown, open_, flicker = (filters[f"gyro/{axis}"] for axis in "xyz")
     m = report.channels["gyro/x"].M
-    assert m is not None
-    assert shown.markov is not None
     assert (shown.markov.sigma, shown.markov.time_constant_s) == (m.sigma.value, m.time_constant_s.value)
     assert shown.markov.drive == pytest.approx(
         shown.markov.sigma * (2.0 / shown.markov.time_constant_s) ** 0.5
     )
     assert shown.markov.sigma in [term.sigma for term in shown.gauss_markov]
     assert [term.tau_s for term in shown.gauss_markov] == sorted(term.tau_s for term in shown.gauss_markov)
-    assert open_.markov is not None
     high = report.channels["gyro/y"].estimates["M"].high or 0.0
     assert pytest.approx(high / 2.0) == open_.assumed.M
     assert {"bounded_B", "bounded_K", "bounded_M"} <= set(open_.caveats)

@@ -60,8 +60,6 @@ def test_noise_belongs_to_its_own_period() -> None:
     truth = 1e-3 / np.sqrt(RATE)
     for each, factor in ((first, 1.0), (second, 2.0)):
         n = each.channels["gyro/x"].coefficients["N"]
-        assert n.low is not None
-        assert n.high is not None
         assert n.value == pytest.approx(truth * factor, rel=0.05)
         assert n.low < truth * factor < n.high
     assert first.temperature == pytest.approx(30.0, abs=0.01)
@@ -81,8 +79,6 @@ def test_a_day_has_the_slope_against_its_temperature() -> None:
     (day,) = of(made.periods(), 86400)
     assert in_progress.channels == day.channels
     slope = day.channels["gyro/x"].coefficients["slope"]
-    assert slope.low is not None
-    assert slope.high is not None
     assert slope.low < 1e-4 < slope.high
     assert "slope" not in day.channels["temperature"].coefficients
 

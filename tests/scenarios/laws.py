@@ -124,10 +124,6 @@ def nothing_invented(report: Report, sent: int) -> None:
 
 
 def _is_the_noise(name: str, channel: Channel, rate: float) -> None:
-    assert channel.mean is not None
-    assert channel.std is not None
-    assert channel.min is not None
-    assert channel.max is not None
     n = channel.count
     if name in INERTIAL:  # the magnetometer is read more slowly than it is sent
         std = N[name.partition("/")[0]] * math.sqrt(rate)
@@ -135,8 +131,6 @@ def _is_the_noise(name: str, channel: Channel, rate: float) -> None:
         assert abs(channel.mean - MEAN[name]) < SIGMAS * std / math.sqrt(n), (name, channel.mean)
         told = channel.coefficients.get("N")
         if told is not None and told.value is not None:
-            assert told.low is not None
-            assert told.high is not None
             truth = N[name.partition("/")[0]]
             # where B and K may not be negative, the value of a short record is not amid its limits
             beyond = (told.high / told.low) ** (0.5 * (SIGMAS / 1.96 - 1.0))

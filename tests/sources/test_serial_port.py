@@ -194,7 +194,6 @@ def test_port_in_use_names_who_has_it(line: Line) -> None:
     command = [sys.executable, "-c", code, line.path]
     other = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE)
     try:
-        assert other.stdout is not None
         other.stdout.readline()
         assert list(holders(line.path)) == [other.pid]
         with pytest.raises(DeviceError, match=rf"\({other.pid}\)") as refused:

@@ -258,7 +258,6 @@ async def test_the_numbers_are_shown_and_copied_through_the_terminal(
     await app.workers.wait_for_complete()
     await pilot.pause()
     report = app.view_state.report
-    assert report is not None
     settings = number_lines(Measurement(report).text("kalibr"))
     assert app.clipboard.splitlines()[1:] == settings
     assert "gyroscope_noise_density" in visible_text(app)
@@ -366,7 +365,6 @@ def test_a_value_that_is_none(value: object) -> None:
     rows = [row, row | {"N": {"value": value}, "B": value, "mean": value, "temperature": value}]
     event = json.dumps([{"time": "2026-01-01T00:00:00Z", "kind": value}]).encode()
     series = parse(GYRO[0], json.dumps(rows).encode(), event)
-    assert series is not None
     assert len(series.time) == (2 if value is None else 1)
     shown = ViewState(id=reports.ID, channel=GYRO[0], history=series, span="day")
     assert over_time_chart(shown, 80, 24)

@@ -343,7 +343,6 @@ def test_a_real_browser_shows_the_screen_and_follows_the_keys(tmp_path: Path) ->
     pictures = Path(os.environ.get("IMUMON_SCREENSHOTS", tmp_path))
 
     async def look(address: str) -> None:
-        assert CHROMIUM is not None
         async with browser(CHROMIUM, tmp_path, address) as shown:
             end = time.monotonic() + 60
             while not await shown.value("document.body.classList.contains('-first-byte')"):
@@ -360,7 +359,6 @@ def test_a_real_browser_shows_the_screen_and_follows_the_keys(tmp_path: Path) ->
                 await asyncio.sleep(0.2)
             for data in (first, second):
                 colours = Image.open(io.BytesIO(data)).convert("RGB").getcolors(1 << 24)
-                assert colours is not None
                 assert len(colours) > 100  # text and a curve, not an empty page
             assert first != second
             others = [url for url in shown.requested if not url.startswith((address, "data:", "blob:"))]

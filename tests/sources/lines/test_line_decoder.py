@@ -143,7 +143,6 @@ def test_units_signs_and_decimal_commas() -> None:
     assert second[0] == pytest.approx(-math.pi / 2.0)
     assert math.isnan(second[-1])  # unknown, and the sample counts
     assert times(blocks) == [500_000_000, 600_000_000]
-    assert decoder.columns is not None
     assert decoder.columns.stream.channels == (*GYRO, *ACCEL, "temperature")
 
 
@@ -172,7 +171,6 @@ def test_the_first_lines_show_how_a_sample_is_printed(form: str, unit: str, firs
     assert rows(blocks) == pytest.approx(NOISE)
     if form != FORMS[-1]:  # the number of a sample is no time
         assert set(np.diff(times(blocks)).tolist()) == {10_000_000}
-    assert decoder.columns is not None
     assert "assumed_unit" in decoder.columns.caveats
     again, _ = decoded(data, dict(decoder.columns.settings))
     assert rows(again) == pytest.approx(rows(blocks))

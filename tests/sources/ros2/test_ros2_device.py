@@ -144,7 +144,6 @@ def is_heard(publication: Publication) -> bool:
 
 
 def line(pipe: IO[str] | None) -> str:
-    assert pipe is not None
     return pipe.readline()
 
 
@@ -155,7 +154,6 @@ def test_we_read_what_zenoh_ros2_sdk_publishes_and_it_sees_us() -> None:
         made = device(f"ros2:/imu/sdk?router={endpoint}")
         info = made.open()
         assert info.settings["publisher"] == "/sdk_driver"
-        assert driver.stdin is not None
         driver.stdin.write("go\n")
         driver.stdin.flush()
         items: list[Item] = []

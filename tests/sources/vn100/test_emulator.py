@@ -160,8 +160,6 @@ def test_a_reset_loses_what_was_not_saved_and_restarts_the_sensor_clock() -> Non
     assert device.replies(4.1) == []
     device.replies(4.0 + BOOTING_S)
     after = blocks(device.advance(1100))[0].time_ns
-    assert before is not None
-    assert after is not None
     assert after[0] == pytest.approx(before[0], abs=100_000)
     assert ask(device, "VNRRG,00", now=6.0) == "VNRRG,00,kept"
     assert ask(device, "VNRFS", now=6.0) == "VNRFS"
@@ -226,7 +224,6 @@ def test_the_emulator_exits_with_its_parent() -> None:
     code = "import time; from imumon.sources.vn100.emulator import spawn; print(spawn().pid, flush=True); "
     code += "time.sleep(60)"
     parent = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True)
-    assert parent.stdout is not None
     child = Path(f"/proc/{int(parent.stdout.readline())}/stat")
     os.kill(parent.pid, signal.SIGKILL)
     parent.wait()
@@ -238,7 +235,6 @@ def test_signals_end_the_emulator_and_remove_the_link(number: int, code: int, tm
     link = tmp_path / "vn100"
     command = [sys.executable, "-m", "imumon", "sim", "--link", str(link)]
     process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
-    assert process.stdout is not None
     path = process.stdout.readline().strip()
     assert os.readlink(link) == path
     process.send_signal(number)

@@ -96,14 +96,12 @@ def _vector_is(vector: dict[str, Any], data: bytes, decoder: Vn100Decoder, items
 
 def _sentence_is(data: bytes, items: list[DecodedItem], expect: dict[str, Any]) -> None:
     sentence_format = ascii.sentence_format(data[1 : data.rindex(b"*")])
-    assert sentence_format is not None
     want = list(expect["values"].values()) + [expect[k] for k in ("count",) if k in expect]
     assert sentence_format.read(data, 0, len(data), 1)[0].tolist() == want
     names = list(expect["values"])
     for block in blocks(items):
         assert (block.stream.clock == "counter") == ("count" in expect)
         if "count" in expect:
-            assert block.time_ns is not None
             assert block.time_ns.tolist() == [expect["count"]]
         for channel, value in zip(block.stream.channels, block.values[0], strict=True):
             name = channel.replace("gyro/", "GYRO").replace("accel/", "ACCEL").replace("mag/", "MAG")
@@ -120,7 +118,6 @@ def _sentence_is(data: bytes, items: list[DecodedItem], expect: dict[str, Any]) 
 
 def _packet_is(data: bytes, items: list[DecodedItem], want: list[float]) -> None:
     layout = binary.parse_header(data)
-    assert layout is not None
     packet = layout.decode(data)[0]
     got = [float(x) for name in layout.fields for x in packet[name]]
     assert got == pytest.approx(want, rel=1e-6)
@@ -177,8 +174,6 @@ def test_a_wink_recording_has_the_documented_messages(
 def test_a_mixed_message_has_the_worse_kind_and_the_kind_of_each_sensor() -> None:
     both = BinaryLayout.of({Group.IMU: 0x00C0 | 0x0100}).converter
     mixed = BinaryLayout.of({Group.IMU: 0x0044 | 0x0100}).converter
-    assert both is not None
-    assert mixed is not None
     assert both.stream.averaged == (True,) * 6 + (False,) * 3, "the magnetometer has no increments"
     assert mixed.stream.averaged == (True,) * 3 + (False,) * 6
     assert (mixed.stream.kind_of("gyro"), mixed.stream.kind_of("accel")) == ("deltas", "uncompensated")
@@ -189,7 +184,6 @@ def test_merged_blocks_keep_the_saturation_flags_of_their_samples() -> None:
     silent = SampleBlock(stream, np.zeros((2, 1)), None, np.zeros(2, np.int64), None)
     says = SampleBlock(stream, np.ones((1, 1)), None, np.zeros(1, np.int64), np.array([True]))
     joined = concatenated([silent, says])
-    assert joined.saturated is not None
     assert joined.saturated.tolist() == [False, False, True]
     assert concatenated([silent, silent]).saturated is None
 

@@ -71,7 +71,6 @@ def test_every_field_of_an_independent_packet_has_its_numbers() -> None:
         if "fields" in vector:
             data = bytes.fromhex(vector["hex"])
             layout = binary.parse_header(data)
-            assert layout is not None
             assert layout.length == len(data)
             decoded = layout.decode(data)[0]
             for name, numbers in zip(layout.fields, vector["fields"], strict=True):

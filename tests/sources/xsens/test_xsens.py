@@ -58,7 +58,6 @@ def test_recorded_packets_have_the_numbers_that_the_manufacturer_shows() -> None
 def test_a_range_that_is_exceeded_is_marked() -> None:
     decoder = MtDecoder()
     (block,) = sample_blocks(decoder.feed(encode(MessageId.DATA, SHAKEN) * 2))
-    assert block.saturated is not None
     assert (
         block.saturated.tolist() == [[True, True, False]] * 2
     )  # gyroscope, accelerometer; no bit for temperature
@@ -67,7 +66,6 @@ def test_a_range_that_is_exceeded_is_marked() -> None:
         32
     ):  # of the status word (MT Low-Level Documentation): bits 8 to 10 accelerometer, 11 to 13 gyroscope
         marked = clipped_sensors({DataId.STATUS_WORD: (1 << bit,)})
-        assert marked is not None
         assert marked[0, :2].tolist() == [bit in (11, 12, 13), bit in (8, 9, 10)], bit
 
 
@@ -271,6 +269,5 @@ def test_a_daemon_measures_an_mti_and_replays_its_recording(tmp_path: Path) -> N
     header = json.loads(capture.read_bytes().split(b"\n")[0].removeprefix(b"#imumon-recording "))
     assert header["driver"] == "xsens"
     decoder = driver("xsens").decoder(header["settings"])
-    assert decoder is not None
     blocks = sample_blocks(decoder.feed(capture.read_bytes().split(b"\n", 1)[1]))
     assert sum(map(len, blocks)) > 500
