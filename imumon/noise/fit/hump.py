@@ -88,6 +88,12 @@ MOST_HELD = 0.3
 
 Otherwise: no coefficient is left beside a fast line that wanders (`real_effects.py`).
 """
+STEADY_SHARE = 0.4
+"""A line is steady if one cosine coefficient has more than this share of its power, and less than its inverse.
+
+Otherwise: a line near half the sampling rate is an oscillation of the block means. Origin: one of the coefficients
+beside a steady line has 40 % of its power or more; those of one that wanders by a per cent have some per cent.
+"""
 LEAK = 0.02
 """Coefficients beside a line, or an oscillation, are left out up to where its leakage is below this share of the noise.
 Unit: of the noise.
@@ -282,16 +288,21 @@ def at_aliases(series: BlockSeries, lines: Floats) -> Bools:
     ----------
     lines : (l, 3) frequency and width, cycles per sample, and power of each line.
     """
-    held = np.zeros(series.y.size, dtype=bool)
+    wide, steady = np.zeros((2, series.y.size), dtype=bool)
     step = 0.5 / series.samples  # of a segment that is the whole record
     ratio = series.y**2 / (np.median(series.y**2) / CHI_SQUARE_MEDIAN + LEAST_VARIANCE)
-    for f, width, _ in lines.tolist():
-        alias = abs(f - round(f * series.length) / series.length)
-        near = np.abs(series.f - alias) <= LINE_WIDTHS * width + step
-        highest = float(ratio[near].max(initial=0.0))
-        if highest > LEAST_RATIO:
+    for f, width, power in lines.tolist():
+        distance = np.abs(series.f - abs(f - round(f * series.length) / series.length))
+        high = (distance <= LINE_WIDTHS * width + step) & (ratio > LEAST_RATIO)
+        if high.any():
             # the leakage of a steady line falls with the square of the distance
-            reach = LINE_WIDTHS * width + step * (1.0 + np.sqrt(highest / LEAK) / np.pi)
-            held |= np.abs(series.f - alias) <= reach
-    # lines that wander over most of what the blocks see are white noise there
-    return held if held.mean() <= MOST_HELD else np.zeros_like(held)
+            leakage = step * (1.0 + np.sqrt(float(ratio[high].max()) / LEAK) / np.pi)
+            reached = distance <= LINE_WIDTHS * width + leakage
+            gain = np.sin(np.pi * series.f * series.length) / (series.length * np.sin(np.pi * f))
+            share = series.y**2 / (power * gain**2 * series.y.size)
+            peaks = series.f[high & (share > STEADY_SHARE) & (share < 1.0 / STEADY_SHARE)]
+            wide |= reached
+            steady |= np.abs(series.f - peaks.mean()) <= leakage if peaks.size else reached
+    # The spectrum knows the frequency of a steady line to a part of a bin, which may be most of what long blocks see:
+    # then, the one peak in the blocks shows where it is. Lines that wander over most of it are white noise there.
+    return next((held for held in (wide, steady) if held.mean() <= MOST_HELD), np.zeros_like(wide))
