@@ -7,6 +7,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+from noise_fits import curve_of
 
 from imumon.model.samples import Floats
 from imumon.noise import ChannelFit, Estimator, OctaveCascade, synthesise
@@ -33,9 +34,7 @@ def curves(
 ) -> tuple[BiasFit, ...]:
     """Return the curves of channels of noise with an effect (n,) of the temperature (n,) and a drift."""
     values = noise(k, channels) + (OFFSET + effect + drift * (TIME - 0.5))[:, None]
-    cascade = OctaveCascade(channels, tau0=1.0 / RATE)
-    cascade.update(values)
-    curve = cascade.result()
+    curve = curve_of(values, RATE)
     heat = BlockAccumulator([0], 1.0 / RATE)
     heat.update(degrees[None], None, np.zeros(1))
     means = heat.result()

@@ -6,19 +6,18 @@ import math
 
 import numpy as np
 import pytest
+from noise_fits import curve_of
 from scipy.special import ndtr
 
 from imumon.model.samples import Floats
-from imumon.noise import ChannelFit, Estimator, OctaveCascade, synthesise
+from imumon.noise import ChannelFit, Estimator, synthesise
 from imumon.noise.fit import statement
 
 RATE, SAMPLES, N = 100.0, 180_000, 1e-6
 
 
 def fit_of(values: Floats, step: float) -> ChannelFit:
-    cascade = OctaveCascade(1, tau0=1.0 / RATE)
-    cascade.update(values[:, None])
-    (fit,) = Estimator(averaged=True, time_to=False).fit(cascade.result(), resolution=[step])
+    (fit,) = Estimator(averaged=True, time_to=False).fit(curve_of(values[:, None], RATE), resolution=[step])
     return fit
 
 

@@ -10,14 +10,18 @@ from typing import Any
 
 import numpy as np
 import pytest
+from noise_fits import cascade_of, column, curve_of, fits_of, held, width
 from term_powers import powers_of
 
 from imumon.model.samples import Floats
 from imumon.model.saved_state import pack, unpack
 from imumon.noise import ChannelFit, Estimator, OctaveCascade, fit_curve, synthesise
 from imumon.noise.allan import AllanCurve
-from imumon.noise.fit.likelihood import Surface, quantiles, upper_limit
-from imumon.noise.fit.model import FLICKER, WALK
+from imumon.noise.blocks import BlockMeans
+from imumon.noise.fit.likelihood import EVIDENCE, Surface, evidence, quantiles, upper_limit
+from imumon.noise.fit.model import FLICKER, NOISE_TERMS, TERMS, WALK, WHITE, NoiseTerm
+from imumon.noise.fit.observations import BAND_EDGES, block_series, meeting_frequency, spectral_powers
+from imumon.noise.fit.slow_terms import SlowTermSearch
 from imumon.noise.fit.time_to_precision import relative_errors
 from imumon.noise.stretches.parts import Parts
 
@@ -25,28 +29,8 @@ N, B, K, RATE = 6.1e-5, 2.4e-5, 3e-6, 40.0
 LENGTH, CHANNELS = 72_000, 48
 
 
-def cascade_of(values: Floats, rate_hz: float = RATE) -> OctaveCascade:
-    cascade = OctaveCascade(values.shape[1], tau0=1.0 / rate_hz)
-    cascade.update(values)
-    return cascade
-
-
-def curve_of(values: Floats, rate_hz: float = RATE) -> AllanCurve:
-    return cascade_of(values, rate_hz).result()
-
-
 def noise(n: int, channels: int, seed: int, k: float = 0.0, *, averaged: bool = False) -> Floats:
     return synthesise(n, RATE, N=[N] * channels, B=B, K=k, seed=seed, averaged=averaged)
-
-
-def column(fits: Sequence[ChannelFit], name: str, limit: str) -> Floats:
-    """Return a value or a limit of a coefficient of all channels; NaN where there is none."""
-    return np.array([getattr(getattr(fit, name), limit) for fit in fits], dtype=np.float64)
-
-
-def held(fits: Sequence[ChannelFit], name: str, truth: float) -> int:
-    """Return the number of channels whose limits hold the truth."""
-    return int(((column(fits, name, "low") <= truth) & (truth <= column(fits, name, "high"))).sum())
 
 
 @pytest.fixture(scope="module")
@@ -57,13 +41,13 @@ def records() -> Floats:
 
 @pytest.fixture(scope="module")
 def fits(records: Floats) -> tuple[ChannelFit, ...]:
-    return fit_curve(curve_of(records), averaged=False)
+    return fit_curve(curve_of(records, RATE), averaged=False)
 
 
 @pytest.fixture(scope="module")
 def quiet_fits() -> tuple[ChannelFit, ...]:
     """Return the fits of 48 channels of averages without a random walk."""
-    return fit_curve(curve_of(noise(LENGTH, CHANNELS, seed=5, averaged=True)), averaged=True)
+    return fit_curve(curve_of(noise(LENGTH, CHANNELS, seed=5, averaged=True), RATE), averaged=True)
 
 
 # --- limits and precision ----------------------------------------------------------------------------------
@@ -123,21 +107,21 @@ def test_averages_and_point_samples_have_different_expectations() -> None:
     """Flicker alone: the first octave of point samples is 1.44 times that of averages, and that is no white noise."""
     for averaged in (True, False):
         flicker = synthesise(1 << 15, RATE, N=[0.0] * 6, B=B, seed=2, averaged=averaged)
-        found = fit_curve(curve_of(flicker), averaged=averaged)
+        found = fit_curve(curve_of(flicker, RATE), averaged=averaged)
         assert sum(fit.N.status == "measured" for fit in found) <= 1
         assert held(found, "B", B) >= 5
         assert max(fit.highest_hz or 0.0 for fit in found) == RATE / 2.0
     mixed = np.column_stack([noise(20_000, 1, seed=50 + c, k=K, averaged=c != 1) for c in range(3)])
-    together = Estimator(averaged=[True, False, True]).fit(curve_of(mixed))
+    together = Estimator(averaged=[True, False, True]).fit(curve_of(mixed, RATE))
     for c in range(3):
-        alone = fit_curve(curve_of(mixed[:, [c]]), averaged=c != 1)[0]
+        alone = fit_curve(curve_of(mixed[:, [c]], RATE), averaged=c != 1)[0]
         assert together[c].B.high == pytest.approx(alone.B.high, rel=1e-6)
         assert together[c].model == pytest.approx(alone.model, rel=1e-6)
 
 
 def test_kurtosis_widens_n() -> None:
     """The relative variance of the power of n independent samples is (2 + kurtosis) / n."""
-    curve = curve_of(noise(20_000, 1, seed=3))
+    curve = curve_of(noise(20_000, 1, seed=3), RATE)
     estimator = Estimator(averaged=False)
     plain, heavy = (estimator.fit(curve, kurtosis=[g], renew=True)[0].N for g in (0.0, 30.0))
     assert heavy.value == plain.value
@@ -149,7 +133,7 @@ def test_kurtosis_widens_n() -> None:
 def test_limits_of_heavy_tails_hold_the_truth() -> None:
     """Student's t of six degrees of freedom has a kurtosis of 3."""
     samples = np.random.default_rng(3).standard_t(6.0, (20_000, CHANNELS)) * math.sqrt(4.0 / 6.0)
-    found = Estimator(averaged=True, time_to=False).fit(curve_of(samples), kurtosis=[3.0] * CHANNELS)
+    found = Estimator(averaged=True, time_to=False).fit(curve_of(samples, RATE), kurtosis=[3.0] * CHANNELS)
     assert held(found, "N", 1.0 / math.sqrt(RATE)) >= 40
 
 
@@ -158,7 +142,7 @@ def test_limits_of_heavy_tails_hold_the_truth() -> None:
 
 def test_results_scale_with_the_unit_and_with_the_interval(records: Floats) -> None:
     values = records[:20_000, :2]
-    small, large = (fit_curve(curve_of(scale * values), averaged=False) for scale in (1.0, 1e6))
+    small, large = (fit_curve(curve_of(scale * values, RATE), averaged=False) for scale in (1.0, 1e6))
     slow = fit_curve(curve_of(values, rate_hz=RATE / 16.0), averaged=False)
     for a, b, c in zip(small, large, slow, strict=True):
         for name, factor in (("N", 4.0), ("B", 1.0), ("K", 0.25)):
@@ -173,16 +157,13 @@ def test_results_scale_with_the_unit_and_with_the_interval(records: Floats) -> N
 def test_lost_samples_widen_limits_and_keep_values(records: Floats) -> None:
     values = records[:40_000, :8]
     valid = np.random.default_rng(3).random((len(values), 1)) > 0.3
-    whole, part = OctaveCascade(8, 1.0 / RATE), OctaveCascade(8, 1.0 / RATE)
-    whole.update(values)
-    part.update(values[:20_000], valid[:20_000])
+    part = cascade_of(values[:20_000], RATE, valid[:20_000])
     part.skip(4_000)
     part.update(values[24_000:], valid[24_000:])
-    one, two = (fit_curve(each.result(), averaged=False) for each in (whole, part))
+    one, two = fits_of(values, RATE), fit_curve(part.result(), averaged=False)
     assert held(two, "N", N) >= 6
     assert held(two, "B", B) >= 6
-    widths = [np.median(column(each, "N", "high") - column(each, "N", "low")) for each in (one, two)]
-    assert 1.1 < widths[1] / widths[0] < 4.0
+    assert 1.1 < width(two, "N") / width(one, "N") < 4.0
 
 
 # --- records of an estimator -------------------------------------------------------------------------------
@@ -209,11 +190,11 @@ def other_records(parts: Parts, values: Floats) -> Iterator[tuple[str, AllanCurv
     """Yield curves of records other than that of the cascade of `values`, (n, 2), with the difference."""
     n, first = len(values), parts.cascade
     white = 5e-4 * np.random.default_rng(9).standard_normal((2 * n, 2))
-    yield "slightly longer", curve_of(white[: n + 100])
-    yield "same length", curve_of(white[:n])
-    yield "same beginning", curve_of(np.concatenate([values[: n - 50], white[:60]]))
-    yield "scaled", curve_of(3.0 * values)
-    yield "shorter", curve_of(white[: n // 2])
+    yield "slightly longer", curve_of(white[: n + 100], RATE)
+    yield "same length", curve_of(white[:n], RATE)
+    yield "same beginning", curve_of(np.concatenate([values[: n - 50], white[:60]]), RATE)
+    yield "scaled", curve_of(3.0 * values, RATE)
+    yield "shorter", curve_of(white[: n // 2], RATE)
     other = first.copy()
     other.update(white[: n // 100])
     yield "copy that continued differently", other.result()
@@ -244,7 +225,7 @@ def test_parts_and_their_record_do_not_share_limits(records: Floats) -> None:
     values = records[:8_000, :2]
     parts = marked(values)
     record, part = parts.cascade.result(), parts.curve(512).sums
-    other = curve_of(3.0 * values[:7_900]).sums
+    other = curve_of(3.0 * values[:7_900], RATE).sums
     estimator = Estimator(averaged=False)
     expected = results(estimator.fit(record))
     alone = results(Estimator(averaged=False).fit_sums(part, 7_488))
@@ -269,10 +250,7 @@ def test_a_growing_record_keeps_its_fit_until_it_has_grown_by_two_per_cent(recor
 def test_limits_hold_the_truth_where_every_second_stretch_is_missing(period: int) -> None:
     """As of a link that drops out, or of a guard that excludes what moves: 5 s to 50 s on, as long off."""
     values = noise(2 * LENGTH, 24, seed=5)
-    valid = (np.arange(len(values)) // (period // 2) % 2 == 0)[:, None]
-    cascade = OctaveCascade(24, tau0=1.0 / RATE)
-    cascade.update(values, valid)
-    fits = fit_curve(cascade.result(), averaged=False)
+    fits = fits_of(values, RATE, (np.arange(len(values)) // (period // 2) % 2 == 0)[:, None])
     assert held(fits, "N", N) >= 20  # 19 or fewer of 24 are 1 in 200 by chance
     assert held(fits, "B", B) >= 20
 
@@ -355,7 +333,7 @@ def test_breaks_every_few_seconds_are_the_reason() -> None:
 
 def test_a_resolution_that_hides_the_noise_is_reported() -> None:
     values = np.round(np.random.default_rng(6).standard_normal((20_000, 2)) * [0.2, 3.0])
-    first, second = Estimator(averaged=False).fit(curve_of(values), resolution=[1.0, 1.0])
+    first, second = Estimator(averaged=False).fit(curve_of(values, RATE), resolution=[1.0, 1.0])
     assert first.N.status == "pending"
     assert first.N.reason_code == first.B.reason_code == first.K.reason_code == "resolution"
     assert second.N.value == pytest.approx(3.0 / math.sqrt(RATE), rel=0.03)
@@ -372,8 +350,136 @@ def test_quantisation_of_any_size_leaves_n_and_is_measured(ratio: float, samples
     size = ratio * N / math.sqrt(RATE)
     errors = np.random.default_rng(samples).standard_normal((samples + 1, 40)) * size
     counted = noise(samples, 40, seed=int(10 * ratio), averaged=True) + np.diff(errors, axis=0) * RATE
-    fits = fit_curve(curve_of(counted), averaged=True, time_to=False)
+    fits = fits_of(counted, RATE, averaged=True)
     assert held(fits, "N", N) >= 31
     measured = [fit.coefficients["Q"] for fit in fits if "Q" in fit.coefficients]
     assert len(measured) >= 36
     assert sum(q.low <= size <= q.high for q in measured) >= 31  # type: ignore[operator]
+
+
+# ---------- laws of what the likelihood compares: each frequency counts once, and every term has an expectati
+
+
+@pytest.mark.few
+@pytest.mark.parametrize("samples", [2_000, 5_000, 20_000, 70_000])
+def test_spectrum_and_blocks_meet_without_an_overlap(samples: int) -> None:
+    """The lowest band that the spectrum has begins where the block means end."""
+    sums = curve_of(np.random.default_rng(1).standard_normal((samples, 1)), 1.0).sums
+    series = block_series(sums.blocks, 0)
+    meeting = meeting_frequency(series)
+    tops = np.sort(spectral_powers(sums, 0, averaged=True).top)
+    edges = np.append(tops[0] * BAND_EDGES[0] / BAND_EDGES[1], tops)
+    assert np.isclose(edges, meeting).any()
+
+
+def test_every_term_has_a_positive_expectation_of_every_observation() -> None:
+    sums = curve_of(np.random.default_rng(1).standard_normal((20_000, 1)), 1.0).sums
+    series, bands = block_series(sums.blocks, 0), spectral_powers(sums, 0, averaged=False)
+    for term in TERMS:
+        assert (bands.expected[term] > 0.0).all(), term.letter
+        assert (series.variances[term] > 0.0).all(), term.letter
+
+
+@pytest.mark.parametrize("length", [1, 4])
+@pytest.mark.parametrize("term", NOISE_TERMS)
+def test_what_is_interpolated_across_holes_is_expected(term: NoiseTerm, length: int) -> None:
+    """A twentieth is missing: white noise is 15 % more in the lowest tenth, a walk 6 % less in the upper half."""
+    count, records = 256, 400
+    strengths = {"N": 0.0, "B": 0.0, "K": 0.0, term.letter: 1.0}
+    means = synthesise(count, 1.0, **{name: [size] * records for name, size in strengths.items()}, seed=5)
+    for begin in range(10, count - 12, count * length // 12):
+        means[begin : begin + length] = np.nan
+    share, segment = np.isfinite(means).astype(np.float64), np.zeros(count, dtype=np.int64)
+    blocks = BlockMeans(means, share, segment, 1, 1.0, np.zeros(records))
+    ratios = []
+    for channel in range(records):
+        series = block_series(blocks, channel)
+        assert series.count.tolist() == [count]
+        ratios.append(series.y**2 / series.variances[term])
+    mean = np.mean(ratios, axis=0)
+    assert mean[:24].mean() == pytest.approx(1.0, abs=0.05)  # 9,600 squares: a standard error of 1.4 %
+    assert mean[24 : count // 2].mean() == pytest.approx(1.0, abs=0.025)
+    assert mean[count // 2 :].mean() == pytest.approx(1.0, abs=0.03)
+
+
+@pytest.mark.few
+@pytest.mark.parametrize("window", [1, 2, 8])
+def test_expectations_are_positive_beside_missing_samples(window: int) -> None:
+    """A moving average of two samples has no white noise at half the sampling rate."""
+    values = np.random.default_rng(1).standard_normal((20_000, 1))
+    valid = np.random.default_rng(2).random((20_000, 1)) >= 0.3
+    sums = curve_of(values, 1.0, valid).sums
+    bands = spectral_powers(sums, 0, averaged=False, window=window)
+    for term in TERMS:
+        assert (bands.expected[term] > 0.0).all(), term.letter
+
+
+def test_interpolation_repeats_the_noise_of_the_blocks_beside_a_hole() -> None:
+    """Of blocks at the border of a hole a part is missing, so that their means have more noise than the others."""
+    values = np.random.default_rng(1).standard_normal((144_000, 24))
+    valid = np.ones((144_000, 1), dtype=bool)
+    for begin in np.random.default_rng(2).integers(0, 142_800, 20).tolist():
+        valid[begin : begin + 1200] = False
+    sums = curve_of(values, 1.0, valid).sums
+    ratios = []
+    for channel in range(24):
+        series = block_series(sums.blocks, channel)
+        assert series.count.size == 1
+        low = series.order[2:80]
+        ratios.append(series.y[low] ** 2 / series.variances[WHITE][low])
+    assert np.mean(ratios) == pytest.approx(1.0, abs=0.1)  # three standard errors; with the mean share, 1.25
+
+
+# ---------- a record played backwards: time reversal changes no second moment, so it changes no statement but
+
+
+WHOLE = 1 << 17
+"""Samples: 1,024 whole blocks."""
+
+
+def stated(
+    values: Floats,
+) -> tuple[Estimator, list[SlowTermSearch], list[dict[str, tuple[float, float, str]]]]:
+    """Return the estimator, the slow terms, and limits and status of N, B and K of each channel."""
+    cascade, estimator = OctaveCascade(values.shape[1], tau0=0.025), Estimator(averaged=False, time_to=False)
+    cascade.update(values)
+    curve = cascade.result()
+    fits = estimator.fit(curve)
+    searches = []
+    for channel in range(values.shape[1]):
+        series = block_series(curve.sums.blocks, channel)
+        searches.append(SlowTermSearch(series, None))
+        searches[-1].result()
+    limits = [
+        {letter: (part.low, part.high, part.status) for letter, part in fit.coefficients.items()}
+        for fit in fits
+    ]
+    return estimator, searches, limits
+
+
+@pytest.mark.parametrize("K", [0.0, 3e-6])
+def test_a_record_played_backwards_states_the_same(K: float) -> None:
+    values = synthesise(WHOLE, 40.0, N=[6.1e-5] * 8, B=[2.4e-5] * 8, K=[K] * 8, seed=11, averaged=False)
+    forwards, backwards = stated(values), stated(values[::-1].copy())
+    compared = 0
+    for channel in range(8):
+        one, two = (searches[channel] for _, searches, _ in (forwards, backwards))
+        assert evidence(one.surface, WALK) == pytest.approx(evidence(two.surface, WALK), rel=1e-6, abs=1e-6)
+        assert one.terms.slowest.tolist() == two.terms.slowest.tolist()
+        assert one.terms.masked.sum() == two.terms.masked.sum()
+        if one.terms.doubtful or two.terms.doubtful:
+            continue
+        compared += 1
+        for letter, (low, high, status) in forwards[2][channel].items():
+            low_back, high_back, status_back = backwards[2][channel][letter]
+            assert abs(high - high_back) < 0.25 * (high - low)
+            if status == status_back:
+                assert abs(low - low_back) < 0.25 * (high - low)
+            else:
+                # only where chance decides whether it shows
+                surfaces = [
+                    estimator._known[channel].fitted.surface for estimator in (forwards[0], backwards[0])
+                ]
+                assert letter == "K"
+                assert all(abs(evidence(surface, WALK) - EVIDENCE) < 1.0 for surface in surfaces)
+    assert compared >= 4

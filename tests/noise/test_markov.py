@@ -2,16 +2,23 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass, replace
+from functools import lru_cache
+
 import numpy as np
 import pytest
 import scipy
+import scipy.fft
 import scipy.signal
+from noise_fits import fits_of
 
-from imumon.model.samples import Floats
-from imumon.noise import ChannelFit, OctaveCascade, fit_curve, markov_law, synthesise
+from imumon.model import coefficients
+from imumon.model.samples import Floats, Ints
+from imumon.noise import ChannelFit, markov_law, synthesise
+from imumon.noise.fit import markov_search
 from imumon.noise.fit.likelihood import Surface, quantiles
 from imumon.noise.fit.markov_search import MarkovSurface, mixed_with
-from imumon.noise.fit.model import FLICKER, WALK, WHITE, GaussMarkov, NoiseTerm
+from imumon.noise.fit.model import FLICKER, TRIED, WALK, WHITE, GaussMarkov, NoiseTerm, TimedTerm
 
 RATE_HZ, LENGTH, N = 10.0, 50_000, 6.8e-4
 
@@ -59,9 +66,7 @@ def records(
     drive[0] /= np.sqrt(1.0 - a * a)
     values: Floats = scipy.signal.lfilter([1.0], [1.0, -a], drive, axis=0)
     noise = [synthesise(LENGTH, RATE_HZ, N=N, B=B, seed=100 * seed + k)[:, 0] for k in range(count)]
-    cascade = OctaveCascade(count, tau0=1.0 / RATE_HZ)
-    cascade.update(values + np.stack(noise, axis=1))
-    return fit_curve(cascade.result(), averaged=False)
+    return fits_of(values + np.stack(noise, axis=1), RATE_HZ)
 
 
 def test_correlated_noise_is_measured_and_no_b_or_k_is_invented() -> None:
@@ -143,9 +148,7 @@ def test_a_mean_that_moves_once_is_no_walk() -> None:
     passage = np.tanh((t - place) / rng.uniform(0.08, 0.2, records))
     noise = synthesise(n, rate, N=[6.1e-5] * records, B=2.4e-5, seed=rng, averaged=False)
     for moved in (3e-4 * rise_and_fall, 2e-4 * passage):
-        cascade = OctaveCascade(records, tau0=1.0 / rate)
-        cascade.update(noise + moved)
-        fits = fit_curve(cascade.result(), averaged=False, time_to=False)
+        fits = fits_of(noise + moved, rate)
         assert sum(fit.K.status == "measured" for fit in fits) <= 2
         assert "a mean that moves slowly explains it" in {fit.K.reason for fit in fits}
         assert sum(not fit.B.low <= 2.4e-5 <= fit.B.high for fit in fits if fit.B.low is not None) <= 2
@@ -159,9 +162,7 @@ def test_a_mean_that_moves_once_is_no_walk() -> None:
 def test_the_bound_of_a_walk_in_the_lowest_coefficients_holds_it() -> None:
     """A walk that hardly shows beyond the lowest coefficients may be taken for a slow mean: its bound counts it."""
     rate, n, records, K = 5.0, 18_000, 48, 3e-6
-    cascade = OctaveCascade(records, tau0=1.0 / rate)
-    cascade.update(synthesise(n, rate, N=[6.1e-5] * records, B=2.4e-5, K=K, seed=3, averaged=False))
-    fits = fit_curve(cascade.result(), averaged=False, time_to=False)
+    fits = fits_of(synthesise(n, rate, N=[6.1e-5] * records, B=2.4e-5, K=K, seed=3, averaged=False), rate)
     slow = [fit for fit in fits if fit.K.reason == "a mean that moves slowly explains it"]
     assert slow
     assert sum(fit.K.high is not None and fit.K.high < K for fit in fits) <= 3
@@ -177,10 +178,82 @@ def test_slow_markov_noise_is_no_walk() -> None:
     drive[0] = sigma * rng.standard_normal(records)
     values = scipy.signal.lfilter([1.0], [1.0, -a], drive, axis=0)
     values += synthesise(n, rate, N=[6.1e-5] * records, B=2.4e-5, seed=rng, averaged=False)
-    cascade = OctaveCascade(records, tau0=1.0 / rate)
-    cascade.update(values)
-    fits = fit_curve(cascade.result(), averaged=False, time_to=False)
+    fits = fits_of(values, rate)
     assert sum(fit.K.status == "measured" for fit in fits) <= 2
     reasons = {fit.K.reason for fit in fits if fit.K.status == "indistinct"}
     assert "the record does not distinguish it from M" in reasons
     assert all(fit.K.low == 0.0 for fit in fits if fit.K.status == "indistinct")
+
+
+# ---------- a second correlated term: a class, a row of the coefficients, and nothing else
+
+
+RATE_40, WHITE_N = 40.0, 6.1e-5
+
+
+@dataclass(frozen=True, slots=True)
+class SecondOrder(TimedTerm):
+    """Second-order Gauss–Markov noise, critically damped: covariance (1 + |t|/T) exp(-|t|/T)."""
+
+    def rate_density(self, f: Floats) -> Floats:
+        return np.asarray(4.0 * self.time / (1.0 + (2.0 * np.pi * f * self.time) ** 2) ** 2)
+
+    def density(self, f: Floats, *, averaged: bool) -> Floats:
+        # it falls with the fourth power of the frequency: nothing folds, and no average over a sample matters
+        return self.rate_density(f)
+
+    def coefficient_variances(self, count: int, length: int) -> Floats:
+        return _coefficient_variances(count, self.time / length)
+
+    def allan_variances(self, m: Ints, *, averaged: bool) -> Floats:
+        one, two, none = (self.phase_autocovariance(k * m.astype(np.float64)) for k in (1, 2, 0))
+        return np.asarray((6.0 * none - 8.0 * one + 2.0 * two) / (2.0 * m.astype(np.float64) ** 2))
+
+    def phase_autocovariance(self, lag: Floats) -> Floats:
+        # minus half of the variance of the integral, which is 2 T^2 (2 x - 3 + (3 + x) exp(-x))
+        x = lag / self.time
+        return np.asarray(-(self.time**2) * (2.0 * x - 3.0 + (3.0 + x) * np.exp(-x)))
+
+
+@lru_cache
+def _coefficient_variances(count: int, time: float) -> Floats:
+    lag = np.arange(float(count))
+    phase = SecondOrder("W", time).phase_autocovariance(np.abs(np.arange(-1.0, count + 1.0)))
+    covariance = -np.diff(phase, 2)[np.abs(lag[:, None] - lag).astype(int)]
+    turned = scipy.fft.dct(scipy.fft.dct(covariance, axis=0, norm="ortho"), axis=1, norm="ortho")
+    return np.asarray(np.diagonal(turned)[1:])
+
+
+def second_order(n: int, time_s: float, seed: int) -> Floats:
+    """Return (n,) such noise of standard deviation 1: white noise through two equal low-passes."""
+    a = np.exp(-1.0 / (RATE_40 * time_s))
+    white = np.random.default_rng(seed).standard_normal(n + 20_000)
+    twice = scipy.signal.lfilter([1.0], [1.0, -2.0 * a, a * a], white)[20_000:]
+    return np.asarray(twice * np.sqrt((1.0 - a * a) ** 3 / (1.0 + a * a)))
+
+
+@pytest.fixture
+def registered(monkeypatch: pytest.MonkeyPatch) -> None:
+    row = replace(coefficients.COEFFICIENTS["M"], letter="W", about="second-order correlated noise")
+    monkeypatch.setitem(coefficients.COEFFICIENTS, "W", row)  # type: ignore[arg-type]
+    monkeypatch.setattr(markov_search, "TRIED", (*TRIED, SecondOrder("W", 1.0)))
+
+
+@pytest.mark.usefixtures("registered")
+def test_a_second_correlated_term_is_measured_and_the_first_one_stays() -> None:
+    n, sigma, time_s = 144_000, 3e-4, 4.0
+    values = synthesise(n, RATE_40, N=[WHITE_N, WHITE_N], seed=3, averaged=False)
+    values[:, 0] += sigma * second_order(n, time_s, 5)
+    a = np.exp(-1.0 / (RATE_40 * time_s))
+    drive = np.random.default_rng(6).standard_normal(n) * np.sqrt(1.0 - a * a)
+    values[:, 1] += sigma * scipy.signal.lfilter([1.0], [1.0, -a], drive)
+    second, first = fits_of(values, RATE_40)
+    own = second.coefficients["W"]
+    assert own.status == "measured"
+    assert own.low <= sigma <= own.high
+    assert second.markov is None
+    assert second.N.low <= WHITE_N <= second.N.high
+    assert second.B.status == second.K.status == "upper_bound"
+    assert "model_misses" not in second.caveats
+    assert first.markov.sigma.low <= sigma <= first.markov.sigma.high
+    assert "W" not in first.coefficients

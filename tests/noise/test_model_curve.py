@@ -5,10 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import scipy
+from noise_fits import curve_of, fits_of
 from term_powers import powers_of
 
 from imumon.model.samples import Floats
-from imumon.noise import OctaveCascade, fit_curve, read_slopes, synthesise
+from imumon.noise import fit_curve, read_slopes, synthesise
 from imumon.noise.blocks import BlockMeans
 from imumon.noise.fit.curve_statement import bounded_by_curve
 from imumon.noise.fit.model import FLICKER, WALK, WHITE, total
@@ -51,13 +52,6 @@ def covariance(n: int, kind: str, *, averaged: bool) -> Floats:
         phase = lag**2 * np.log(np.maximum(lag, 1.0)) / (2.0 * np.pi) if kind == "flicker" else lag**3 / 12.0
         by_lag = 2.0 * phase[:-1] - phase[np.abs(np.arange(n) - 1)] - phase[1:]
     return np.asarray(by_lag[np.abs(np.arange(n)[:, None] - np.arange(n))])
-
-
-def curve_of(values: Floats) -> tuple[np.ndarray, Floats]:
-    cascade = OctaveCascade(values.shape[1], tau0=1.0)
-    cascade.update(values)
-    curve = cascade.result()
-    return curve.m, curve.avar
 
 
 @pytest.mark.parametrize("averaged", [True, False])
@@ -106,7 +100,8 @@ def test_limits_hold_the_expectation(kind: str) -> None:
     sizes = {"N": [0.0] * count, "B": 0.0, "K": 0.0}
     name = KINDS[kind].letter
     sizes[name] = [1.0] * count if name == "N" else 1.0
-    m, avar = curve_of(synthesise(n, 1.0, seed=4, **sizes))  # type: ignore[arg-type]
+    curve = curve_of(synthesise(n, 1.0, seed=4, **sizes), 1.0)
+    m, avar = curve.m, curve.avar
     powers = {KINDS[kind]: 1.0}
     expected = KINDS[kind].allan_variances(m, averaged=True)
     terms = (n - 2 * m) // np.maximum(1, m // 8) + 1
@@ -135,7 +130,8 @@ def test_quantiles_agree_with_scipy_stats() -> None:
 def test_a_line_has_the_stated_curve(frequency: float) -> None:
     n, amplitude = 1 << 17, 0.3
     phases = np.random.default_rng(1).uniform(0.0, 2.0 * np.pi, 12)
-    m, avar = curve_of(amplitude * np.sin(2.0 * np.pi * frequency * np.arange(n)[:, None] + phases))
+    curve = curve_of(amplitude * np.sin(2.0 * np.pi * frequency * np.arange(n)[:, None] + phases), 1.0)
+    m, avar = curve.m, curve.avar
     stated = line_variances(m, frequency, 0.0, 0.5 * amplitude**2)
     short = m < n / 16
     scale = 2.0 * 0.5 * amplitude**2 / np.maximum(m * np.sin(np.pi * frequency), 1.0) ** 2
@@ -159,7 +155,8 @@ def test_what_regressors_move_has_the_stated_curve(kind: str) -> None:
         ),
         0,
     )
-    m, avar = curve_of(signal[:, None])
+    curve = curve_of(signal[:, None], 1.0)
+    m, avar = curve.m, curve.avar
     stated = moved_variances_at(m, moved_variances(series, means))
     used = m >= length if kind == "step" else m > 1
     size = 0.1 * avar[:, 0].max() * (kind == "wave")  # differences of a wave may be small by chance
@@ -184,9 +181,7 @@ def test_a_density_has_the_curve_of_its_noise() -> None:
 def test_the_stated_limits_of_a_curve_hold_its_expectation() -> None:
     """Limits come from the fitted powers; 95 % of 24 channels and 13 octaves, which are correlated."""
     values = synthesise(1 << 14, 1.0, N=[1.0] * 24, B=0.1, K=1e-3, seed=9)
-    cascade = OctaveCascade(24, tau0=1.0)
-    cascade.update(values)
-    curve = cascade.result()
+    curve = curve_of(values, 1.0)
     powers = powers_of({"N": 1.0, "B": 0.1, "K": 1e-3})
     truth = np.sqrt(total(powers, lambda term: term.allan_variances(curve.m, averaged=True)))
     fits = fit_curve(curve, averaged=True, time_to=False)
@@ -209,9 +204,7 @@ def test_slopes_are_read_off_the_curve() -> None:
 
 def test_only_the_terms_that_decide_an_octave_are_bounded_by_it() -> None:
     """N decides the first octaves of a clean record: what leaves the curve there says nothing of B and K."""
-    cascade = OctaveCascade(1, tau0=0.025)
-    cascade.update(synthesise(144_000, 40.0, N=[6e-5], B=2.4e-5, seed=1, averaged=False))
-    (fit,) = fit_curve(cascade.result(), averaged=False, time_to=False)
+    (fit,) = fits_of(synthesise(144_000, 40.0, N=[6e-5], B=2.4e-5, seed=1, averaged=False), 40.0)
     terms = {term: fit.shares[term.letter] for term in (WHITE, FLICKER, WALK)}
     high, middle = 2.0 * fit.high, 11
     assert bounded_by_curve(fit, terms, np.array([0, 1, 2]), high).coefficients == fit.coefficients

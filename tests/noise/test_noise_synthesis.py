@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from noise_fits import curve_of
 from numpy.testing import assert_allclose, assert_array_equal
 
-from imumon.noise.allan import AllanCurve, OctaveCascade
 from imumon.noise.synthesis import (
     AVERAGING,
     NoiseStream,
@@ -36,12 +36,6 @@ def stream(n: int, seed: int, averaged: bool, **strength: float) -> np.ndarray:
         RATE, seed=seed, averaged=averaged, **{k: np.full(CHANNELS, v) for k, v in strength.items()}
     )
     return np.concatenate([noise.generate(999) for _ in range(n // 999 + 1)])[:n]
-
-
-def curve_of(values: np.ndarray) -> AllanCurve:
-    cascade = OctaveCascade(values.shape[1], 1.0 / RATE)
-    cascade.update(values)
-    return cascade.result()
 
 
 def deviation(n: int, m: np.ndarray, kind: str) -> np.ndarray:
@@ -73,7 +67,7 @@ def expected(m: np.ndarray, kind: str, averaged: bool) -> np.ndarray:
 @pytest.mark.parametrize("make", [batch, stream])
 def test_allan_variance_agrees_with_the_formula(make: object, averaged: bool, kind: str) -> None:
     n = 1 << 14
-    curve = curve_of(make(n, 11, averaged, **{kind: 1.0}))  # type: ignore[operator]
+    curve = curve_of(make(n, 11, averaged, **{kind: 1.0}), RATE)  # type: ignore[operator]
     short = curve.m <= n // 16
     m = curve.m[short]
     ratio = curve.avar[short].mean(axis=1) / expected(m, kind, averaged)
