@@ -51,7 +51,7 @@ def sampled_density(f: Floats, *, averaged: bool) -> Floats:
         return np.stack((np.ones_like(f), 1.0 / slope, 1.0 / slope**2))
     square = np.sin(np.pi * f) ** 2
     # sinc^2 times the sum of the aliases |f + k|^-3 over all k, which the Hurwitz zeta function has in closed form
-    flicker = square * (zeta(3.0, f) + zeta(3.0, 1.0 - f)) / (2.0 * np.pi**3)  # type: ignore[no-untyped-call]
+    flicker = square * (zeta(3.0, f) + zeta(3.0, 1.0 - f)) / (2.0 * np.pi**3)
     return np.stack((np.ones_like(f), flicker, 0.25 / square - 1.0 / 6.0))
 
 
