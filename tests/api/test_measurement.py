@@ -90,18 +90,6 @@ def test_a_dataset_of_xarray(m: Measurement) -> None:
     assert float(dataset.sigma.sel(tau_s=0.005)) == m.allan("gyro/x").sigma[0]
 
 
-def test_limits_of_another_confidence(m: Measurement) -> None:
-    n = known(m["gyro/x"].N)
-    assert m.interval("gyro/x", "N") == n.interval
-    low, high = m.interval("gyro/x", "N", confidence=0.99)
-    assert low < (n.combined_low or 0.0) < (n.combined_high or 0.0) < high
-    assert m.interval("gyro/x", "K", 0.68) == known(m["gyro/x"].K).interval
-    assert m.interval("gyro/x", "K", 0.99) == (None, None)
-    curve, wide = m.allan("gyro/x"), m.allan("gyro/x", confidence=0.99)
-    assert np.all((wide.low < curve.low) & (curve.high < wide.high))
-    np.testing.assert_allclose(m.allan("gyro/x", confidence=0.95 + 1e-12).low, curve.low, rtol=1e-6)
-
-
 def test_figures_are_drawn_on_the_axes_of_the_caller(m: Measurement) -> None:
     from matplotlib import pyplot
 

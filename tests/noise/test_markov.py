@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import lru_cache
 
 import numpy as np
 import pytest
@@ -13,7 +12,7 @@ import scipy.signal
 from noise_fits import fits_of
 
 from imumon.model import coefficients
-from imumon.model.samples import Floats, Ints
+from imumon.model.samples import Floats
 from imumon.noise import ChannelFit, markov_law, synthesise
 from imumon.noise.fit import markov_search
 from imumon.noise.fit.likelihood import Surface, quantiles
@@ -198,30 +197,10 @@ class SecondOrder(TimedTerm):
     def rate_density(self, f: Floats) -> Floats:
         return np.asarray(4.0 * self.time / (1.0 + (2.0 * np.pi * f * self.time) ** 2) ** 2)
 
-    def density(self, f: Floats, *, averaged: bool) -> Floats:
-        # it falls with the fourth power of the frequency: nothing folds, and no average over a sample matters
-        return self.rate_density(f)
-
-    def coefficient_variances(self, count: int, length: int) -> Floats:
-        return _coefficient_variances(count, self.time / length)
-
-    def allan_variances(self, m: Ints, *, averaged: bool) -> Floats:
-        one, two, none = (self.phase_autocovariance(k * m.astype(np.float64)) for k in (1, 2, 0))
-        return np.asarray((6.0 * none - 8.0 * one + 2.0 * two) / (2.0 * m.astype(np.float64) ** 2))
-
     def phase_autocovariance(self, lag: Floats) -> Floats:
         # minus half of the variance of the integral, which is 2 T^2 (2 x - 3 + (3 + x) exp(-x))
         x = lag / self.time
         return np.asarray(-(self.time**2) * (2.0 * x - 3.0 + (3.0 + x) * np.exp(-x)))
-
-
-@lru_cache
-def _coefficient_variances(count: int, time: float) -> Floats:
-    lag = np.arange(float(count))
-    phase = SecondOrder("W", time).phase_autocovariance(np.abs(np.arange(-1.0, count + 1.0)))
-    covariance = -np.diff(phase, 2)[np.abs(lag[:, None] - lag).astype(int)]
-    turned = scipy.fft.dct(scipy.fft.dct(covariance, axis=0, norm="ortho"), axis=1, norm="ortho")
-    return np.asarray(np.diagonal(turned)[1:])
 
 
 def second_order(n: int, time_s: float, seed: int) -> Floats:

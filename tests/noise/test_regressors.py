@@ -61,7 +61,7 @@ def test_a_drift_of_any_size_changes_no_coefficient(quiet: Floats, slope: float)
                 a, b = getattr(one, limit), getattr(other, limit)
                 size = 0.05 * (one.high - one.low)  # the grid of the likelihood
                 assert b == a or b == pytest.approx(a, abs=size), (name, limit)
-        own, before = drifting.column("drift"), plain.column("drift")
+        own, before = drifting.regressor("drift"), plain.regressor("drift")
         assert own.value - before.value == pytest.approx(slope, rel=1e-3)
         assert own.error == pytest.approx(before.error, rel=0.05)
 
@@ -91,7 +91,7 @@ def test_noise_has_no_significant_drift(quiet: Floats, walk: Floats) -> None:
         fits = fitted(values)
         assert all("R" not in fit.coefficients for fit in fits)
         for fit in fits:
-            column = fit.column("drift")
+            column = fit.regressor("drift")
             ratios.append(column.value / column.error)
     assert 0.5 < float(np.std(ratios)) < 1.45  # of 24, three standard errors
 
@@ -122,7 +122,7 @@ def test_a_temperature_slope_is_recovered_and_leaves_the_noise(quiet: Floats, pe
     check(fits)
     held = 0
     for fit in fits:
-        slope, drift = fit.column("temperature"), fit.column("drift")
+        slope, drift = fit.regressor("temperature"), fit.regressor("drift")
         assert fit.no_slope == ""
         held += abs(slope.value - per_degc) <= 1.96 * slope.error
         assert fit.follows_temperature == bool(per_degc)
@@ -164,7 +164,7 @@ def test_an_exponential_is_no_random_walk(quiet: Floats, size: float, time_s: fl
     fits = fitted(quiet + size * np.exp(-AT_S / time_s))
     check(fits)
     for fit in fits:
-        settling = fit.column("settling")
+        settling = fit.regressor("settling")
         assert settling.time_constant_s == pytest.approx(time_s, rel=0.5)
         assert fit.step is None
 
@@ -235,6 +235,6 @@ def test_a_missing_hour_counts_as_time(quiet: Floats) -> None:
     cascade.skip(36_000)
     cascade.update((quiet + slope * AT_S)[56_000:])
     for fit in Estimator(averaged=True, time_to=False).fit(cascade.result()):
-        drift = fit.column("drift")
+        drift = fit.regressor("drift")
         assert drift.value == pytest.approx(slope, abs=4.0 * drift.error)
         assert fit.K.status == "upper_bound" or math.isclose(fit.K.low or 0.0, 0.0, abs_tol=1e-6)

@@ -311,7 +311,7 @@ def test_the_temperature_of_a_record_and_of_its_stretches_explains_the_bias() ->
     assert len(parts) == 3
     for steady, following in parts:
         assert not steady.follows_temperature
-        slope = following.column("temperature")
+        slope = following.regressor("temperature")
         assert following.follows_temperature
         assert slope.value == pytest.approx(1e-4, abs=4.0 * slope.error)
         assert following.K.is_bound
@@ -323,7 +323,7 @@ def test_a_record_warms_up_as_long_as_its_temperature_rises() -> None:
         assert record.still_heats_up(record.curve()) == warming
     record = statistics(2)
     record.add(noise(9000))
-    assert not record.is_warming_up(record.curve())
+    assert not record.still_heats_up(record.curve())
 
 
 # ---------- laws of parts: what is known since a marked place is what a record that begins there would know
