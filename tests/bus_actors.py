@@ -94,10 +94,11 @@ def daemon(
     **settings: Any,
 ) -> None:
     """Publishes a report every `period` seconds, or one alone (0), until it reads `stop`."""
-    from imumon.bus import BusError, Publisher, SessionOptions
+    from imumon.bus import BusError, Publisher
+    from imumon.config import ZenohSettings
 
     try:
-        publisher = Publisher(id, listen=listen, connect=connect, settings=SessionOptions(**settings))
+        publisher = Publisher(id, listen=listen, connect=connect, settings=ZenohSettings(**settings))
     except BusError as error:
         emit(error=error.code)
         return
@@ -143,9 +144,10 @@ def daemon(
 
 def subscriber(connect: list[str], **settings: Any) -> None:
     """Prints the number of each report that it gets."""
-    from imumon.bus import SessionOptions, Subscriber
+    from imumon.bus import Subscriber
+    from imumon.config import ZenohSettings
 
-    with Subscriber(connect, settings=SessionOptions(**settings)) as reader:
+    with Subscriber(connect, settings=ZenohSettings(**settings)) as reader:
         emit(ready=True, pid=os.getpid())
         over = threading.Event()
         threading.Thread(target=lambda: (sys.stdin.readline(), over.set()), daemon=True).start()

@@ -14,6 +14,6 @@ docs/ZENOH.md describes the keys and the payloads.
 from imumon.bus.bus_error import BusError
 from imumon.bus.publisher import Publisher
 from imumon.bus.subscriber import Subscriber
-from imumon.bus.zenoh_session import SessionOptions, clean_id
+from imumon.bus.zenoh_session import clean_id
 
-__all__ = ["BusError", "Publisher", "SessionOptions", "Subscriber", "clean_id"]
+__all__ = ["BusError", "Publisher", "Subscriber", "clean_id"]

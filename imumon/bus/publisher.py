@@ -13,7 +13,6 @@ import threading
 from collections import deque
 from collections.abc import Callable, Sequence
 from concurrent.futures import Future, wait
-from dataclasses import replace
 from functools import partial
 
 import zenoh
@@ -21,7 +20,8 @@ import zenoh
 from imumon.bus.bus_error import BusError, Unreachable
 from imumon.bus.queryable import MAX_QUEUED, LastValues, Signals
 from imumon.bus.uplink import Links, Uplink, open_local
-from imumon.bus.zenoh_session import RETRY_S, SessionOptions, check_endpoint, clean_id, open_session
+from imumon.bus.zenoh_session import RETRY_S, check_endpoint, clean_id, open_session
+from imumon.config import ZenohSettings
 from imumon.model.report import Channel, Event, Report
 from imumon.model.report_json import members, to_json
 
@@ -40,7 +40,7 @@ class Publisher:
     id : name of the device; `clean_id` converts it for keys.
     listen : endpoints; empty: the first free of tcp/127.0.0.1:7448 to 7463; None: those of `settings`.
     connect : endpoints of routers, which may be absent; None: those of `settings`.
-    settings : `SessionOptions`, or an object with attributes of the same names; None for the defaults.
+    settings : of ``[zenoh]``; None for the defaults.
 
     Attributes
     ----------
@@ -57,11 +57,11 @@ class Publisher:
         *,
         listen: Sequence[str] | None = None,
         connect: Sequence[str] | None = None,
-        settings: object | None = None,
+        settings: ZenohSettings | None = None,
     ) -> None:
-        options = SessionOptions.of(settings)
-        listen = tuple(options.listen if listen is None else listen)
-        connect = tuple(options.connect if connect is None else connect)
+        settings = settings or ZenohSettings()
+        listen = tuple(settings.listen if listen is None else listen)
+        connect = tuple(settings.connect if connect is None else connect)
         self.id = clean_id(id)
         self._root = f"imumon/{self.id}"
         for endpoint in connect:
@@ -76,21 +76,21 @@ class Publisher:
         self._stop_connecting = threading.Event()
         self._reported_uplinks: dict[str, str | None] = {}
         self._reported_error: str | None = None
-        self._session, self.endpoints = open_local(options, listen)
+        self._session, self.endpoints = open_local(settings, listen)
         self._last_values = LastValues(self._root)
         self._timestamp = self._session.new_timestamp
         self._links = Links(Uplink(self._session, self._root, self._reply), self._last_values)
         self._thread = threading.Thread(target=self._run, name="imumon-bus", daemon=True)
         self._thread.start()
         atexit.register(self.close)
-        self._connect(options, connect)
+        self._connect(settings, connect)
 
-    def _connect(self, options: SessionOptions, endpoints: Sequence[str]) -> None:
+    def _connect(self, settings: ZenohSettings, endpoints: Sequence[str]) -> None:
         """Start to connect to routers; unreachable ones are tried until the publisher closes."""
         attempts: list[Future[None]] = []
         for endpoint in endpoints:
             attempts.append(Future())
-            run = partial(self._connect_uplink, options, endpoint, attempts[-1])
+            run = partial(self._connect_uplink, settings, endpoint, attempts[-1])
             threading.Thread(target=run, name="imumon-uplink", daemon=True).start()
         try:
             for attempt in wait(attempts, _FIRST_ATTEMPT_S).done:
@@ -223,11 +223,11 @@ class Publisher:
     def _put(self, name: str, text: str) -> None:
         self._links.put(name, text, self._timestamp())
 
-    def _connect_uplink(self, options: SessionOptions, endpoint: str, first: Future[None]) -> None:
+    def _connect_uplink(self, settings: ZenohSettings, endpoint: str, first: Future[None]) -> None:
         """Connect to a router as soon as it is reachable. Zenoh itself restores a lost connection."""
         while not self._stop_connecting.is_set():
             try:
-                session = open_session(replace(options, mode="client"), (), [endpoint], access_control=True)
+                session = open_session(settings, (), [endpoint], access_control=True, client=True)
             except BusError as error:
                 self._links.failed(endpoint, error)
                 if not first.done() and not isinstance(error, Unreachable):

@@ -17,6 +17,7 @@ import threading
 import time
 from collections.abc import Sequence
 from contextlib import suppress
+from dataclasses import replace
 from typing import Any, TypeAlias, TypeVar
 
 import zenoh
@@ -27,11 +28,11 @@ from imumon.bus.bus_error import BusError
 from imumon.bus.device_states import DeviceState
 from imumon.bus.queryable import EVENTS_KEPT, MAX_QUEUED
 from imumon.bus.zenoh_session import (
-    SessionOptions,
     local_endpoints,
     open_session,
     start_listener,
 )
+from imumon.config import ZenohSettings
 from imumon.model.messages import EVENT_LEVELS
 from imumon.model.report import Event, Report, Signal, from_json, is_device_name
 from imumon.model.report_json import plain
@@ -59,7 +60,7 @@ class Subscriber:
     Parameters
     ----------
     connect : endpoints; None: those of `settings` (`connect`, else `listen`), else the local defaults.
-    settings : `SessionOptions`, or an object with attributes of the same names; None for the defaults.
+    settings : of ``[zenoh]``; None for the defaults.
     id : the only device to subscribe to; None: all.
 
     Attributes
@@ -72,14 +73,15 @@ class Subscriber:
         self,
         connect: Sequence[str] | None = None,
         *,
-        settings: object | None = None,
+        settings: ZenohSettings | None = None,
         id: str | None = None,
     ) -> None:
-        options = SessionOptions.of(settings)
-        self.endpoints = tuple(connect or ()) or options.connect
+        settings = settings or ZenohSettings()
+        self.endpoints = tuple(connect or ()) or settings.connect
         if not self.endpoints:
-            self.endpoints = tuple(map(_loopback, options.listen)) or local_endpoints()
-            options = options.without_login()
+            self.endpoints = tuple(map(_loopback, settings.listen)) or local_endpoints()
+            # daemons of this machine refuse a login that they do not ask for
+            settings = replace(settings, user="", password="")
         self.version = 0
         self.malformed = 0
         self._root = f"imumon/{id or '*'}"
@@ -91,7 +93,7 @@ class Subscriber:
         self._due = threading.Event()  # something is to be requested
         self._asked: HistoryQuestion | None = None
         self._answer: HistoryAnswer | None = None
-        self._session = open_session(options, (), self.endpoints, access_control=False)
+        self._session = open_session(settings, (), self.endpoints, access_control=False)
         queue: RingChannel[Any] = RingChannel(MAX_QUEUED)
         alive = self._session.liveliness().declare_subscriber(f"{self._root}/alive", queue, history=True)
         self._threads = (

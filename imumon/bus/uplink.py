@@ -15,7 +15,8 @@ from zenoh.handlers import RingChannel
 
 from imumon.bus.bus_error import BusError
 from imumon.bus.queryable import EVENTS_KEPT, JSON, MOST_QUERIES, LastValues
-from imumon.bus.zenoh_session import SessionOptions, local_endpoints, open_session, start_listener
+from imumon.bus.zenoh_session import local_endpoints, open_session, start_listener
+from imumon.config import ZenohSettings
 
 _CACHED = {"report": 1, "grade": 1, "event": EVENTS_KEPT}
 _DROP = zenoh.CongestionControl.DROP
@@ -130,7 +131,7 @@ class Links:
             link.close()
 
 
-def open_local(options: SessionOptions, listen: Sequence[str]) -> tuple[zenoh.Session, tuple[str, ...]]:
+def open_local(settings: ZenohSettings, listen: Sequence[str]) -> tuple[zenoh.Session, tuple[str, ...]]:
     """Open the session that listens: on `listen`, or if that is empty on the first free default port.
 
     Return the session and its endpoints.
@@ -140,10 +141,10 @@ def open_local(options: SessionOptions, listen: Sequence[str]) -> tuple[zenoh.Se
     BusError : no endpoint can be used.
     """
     if listen:
-        return open_session(options, listen, (), access_control=True), tuple(listen)
+        return open_session(settings, listen, (), access_control=True), tuple(listen)
     for endpoint in local_endpoints():
         try:
-            return open_session(options, [endpoint], (), access_control=True), (endpoint,)
+            return open_session(settings, [endpoint], (), access_control=True), (endpoint,)
         except BusError as error:
             if error.code != "address_in_use":
                 raise

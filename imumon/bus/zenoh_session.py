@@ -13,14 +13,14 @@ import json
 import os
 import re
 import threading
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field, fields, replace
-from typing import Any, Self, TypeVar
+from typing import Any, TypeVar
 
 import zenoh
 
 from imumon.bus.bus_error import BusError, classify, readable
+from imumon.config import ZenohSettings
 
 DEFAULT_PORTS = range(7448, 7464)  # TCP: a daemon listens on the first free one, a subscriber connects to all
 LEASE_S = 2.0  # s; a link without traffic for this time is closed
@@ -61,33 +61,6 @@ _LOCAL_PROTOCOLS = ("unixsock-stream", "unixpipe")
 _NETWORK_PROTOCOLS = ("tcp", "udp", "tls", "quic", "ws")
 
 T = TypeVar("T")
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class SessionOptions:
-    """Options of a session: the settings of ``[zenoh]`` under the same names."""
-
-    listen: tuple[str, ...] = ()  # endpoints such as ``tcp/127.0.0.1:7448``
-    connect: tuple[str, ...] = ()  # endpoints
-    mode: str = "peer"  # ``client`` for the uplinks and the tests of an endpoint
-    user: str = ""  # to log in with at a router
-    password: str = ""
-    certificate: str = ""  # PEM file for mutual TLS with a router, as are the next two
-    key: str = ""
-    ca: str = ""
-    insecure: bool = False  # whether to listen on other interfaces than the loopback
-    raw: Mapping[str, Any] = field(default_factory=dict)  # further settings of Zenoh, path to value
-
-    @classmethod
-    def of(cls, settings: object | None) -> Self:
-        """Return the options in an object with attributes of these names, such as ``[zenoh]``; None: the defaults."""
-        if isinstance(settings, cls):
-            return settings
-        return cls(**{f.name: getattr(settings, f.name) for f in fields(cls) if hasattr(settings, f.name)})
-
-    def without_login(self) -> Self:
-        """Return the options for daemons of this machine, which refuse a login that they do not ask for."""
-        return replace(self, user="", password="")
 
 
 def clean_id(name: str) -> str:
@@ -145,41 +118,42 @@ def is_local(endpoint: str) -> bool:
 
 
 def open_session(
-    options: SessionOptions,
+    settings: ZenohSettings,
     listen: Sequence[str],
     connect: Sequence[str],
     *,
     access_control: bool,
+    client: bool = False,
 ) -> zenoh.Session:
     """Open a session on these endpoints.
 
     Parameters
     ----------
+    client : connect once and raise an error if that fails, as for a router; a peer connects in the background.
     access_control : whether peers may subscribe and query only, as with a daemon.
 
     Raises
     ------
-    Unreachable : no connection to `connect` (mode ``client`` only; the other modes connect in the
-        background).
+    Unreachable : no connection to `connect`, of a client.
     BusError : an endpoint, a file or an option is invalid or not allowed.
     """
     for endpoint in (*listen, *connect):
         check_endpoint(endpoint)
     for endpoint in listen:
-        _check_listen(options, endpoint)
-    for path in (options.certificate, options.key, options.ca):
+        _check_listen(settings, endpoint)
+    for path in (settings.certificate, settings.key, settings.ca):
         if path and not os.access(path, os.R_OK):
             raise BusError("file_unreadable", f"{path}: cannot be read", "check the path and its permissions")
-    config = _zenoh_config(options, listen, connect, access_control)
+    config = _zenoh_config(settings, listen, connect, access_control, client)
     try:
         return zenoh.open(config)
     except zenoh.ZError as error:
         raise classify(error, (*listen, *connect)) from None
 
 
-def _check_listen(options: SessionOptions, endpoint: str) -> None:
+def _check_listen(settings: ZenohSettings, endpoint: str) -> None:
     """Raise `BusError` if the options do not allow to listen on this endpoint."""
-    if not (is_local(endpoint) or options.insecure):
+    if not (is_local(endpoint) or settings.insecure):
         message = f"{endpoint}: every host on the network could read the data"
         cure = "publish through a router with --connect, or set zenoh.insecure = true"
         raise BusError("listen_insecure", message, cure)
@@ -203,19 +177,20 @@ def start_listener(source: Iterable[T], handle: Callable[[T], None]) -> threadin
 
 
 def _zenoh_config(
-    options: SessionOptions,
+    settings: ZenohSettings,
     listen: Sequence[str],
     connect: Sequence[str],
     access_control: bool,
+    client: bool,
 ) -> zenoh.Config:
     """Return the configuration of a session."""
     values: dict[str, Any] = {
-        "mode": options.mode,
+        "mode": "client" if client else "peer",
         "listen/endpoints": list(listen),
         "connect/endpoints": list(connect),
         "connect/retry": {"period_init_ms": round(RETRY_S * 1000), "period_max_ms": round(RETRY_S * 1000)},
-        "connect/timeout_ms": 0 if options.mode == "client" else -1,  # -1: no limit, in the background
-        "connect/exit_on_failure": options.mode == "client",
+        "connect/timeout_ms": 0 if client else -1,  # -1: no limit, in the background
+        "connect/exit_on_failure": client,
         "open/return_conditions/connect_scouted": False,
         "scouting/multicast/enabled": False,
         "scouting/gossip/enabled": False,
@@ -229,27 +204,30 @@ def _zenoh_config(
         "timestamping/enabled": True,
     }
     if not listen:
-        values |= _credentials(options)
+        values |= _credentials(settings)
     if access_control:
         values["access_control"] = _ACCESS
     config = zenoh.Config()
     for path, value in values.items():
         config.insert_json5(path, json.dumps(value))
-    for path, value in options.raw.items():
+    for path, value in settings.raw.items():
         _insert_raw(config, path, value)
     return config
 
 
-def _credentials(options: SessionOptions) -> dict[str, Any]:
+def _credentials(settings: ZenohSettings) -> dict[str, Any]:
     """Return the settings of password and certificate for a router."""
     password, tls = "transport/auth/usrpwd/", "transport/link/tls/"
-    given: dict[str, Any] = {tls + "enable_mtls": bool(options.ca and options.certificate)}
-    if options.user:
-        given |= {password + "user": options.user, password + "password": options.password}
-    if options.ca:
-        given[tls + "root_ca_certificate"] = options.ca
-    if options.certificate:
-        given |= {tls + "connect_certificate": options.certificate, tls + "connect_private_key": options.key}
+    given: dict[str, Any] = {tls + "enable_mtls": bool(settings.ca and settings.certificate)}
+    if settings.user:
+        given |= {password + "user": settings.user, password + "password": settings.password}
+    if settings.ca:
+        given[tls + "root_ca_certificate"] = settings.ca
+    if settings.certificate:
+        given |= {
+            tls + "connect_certificate": settings.certificate,
+            tls + "connect_private_key": settings.key,
+        }
     return given
 
 

@@ -6,10 +6,11 @@ import time
 from contextlib import suppress
 from dataclasses import replace
 
-from imumon.bus import BusError, SessionOptions, Subscriber
+from imumon.bus import BusError, Subscriber
 from imumon.bus.bus_error import Unreachable
 from imumon.bus.subscriber import GATHER_S
 from imumon.bus.zenoh_session import local_endpoints, open_session
+from imumon.config import ZenohSettings
 from imumon.doctor.observed import ZenohObservation
 
 ANSWER_S = 1.0  # s to wait for the first daemon
@@ -18,15 +19,15 @@ ANSWER_S = 1.0  # s to wait for the first daemon
 class ZenohProbe:
     """The bus as a subscriber sees it; a context manager. `subscriber` is None if the settings allow none."""
 
-    def __init__(self, settings: object, connect: tuple[str, ...]) -> None:
-        self._options = SessionOptions.of(settings)
+    def __init__(self, settings: ZenohSettings, connect: tuple[str, ...]) -> None:
+        self._settings = settings
         self._connect = connect
         self.subscriber: Subscriber | None = None
         self._error: BusError | None = None
 
     def __enter__(self) -> ZenohProbe:
         try:
-            self.subscriber = Subscriber(self._connect or None, settings=self._options)
+            self.subscriber = Subscriber(self._connect or None, settings=self._settings)
         except BusError as error:
             self._error = error
         return self
@@ -51,10 +52,10 @@ class ZenohProbe:
 
     def _free_endpoint(self) -> tuple[str | None, BusError | None]:
         """Return an endpoint on which a daemon could listen, or why there is none."""
-        listen, last_error = self._options.listen, None
+        listen, last_error = self._settings.listen, None
         for endpoint in listen or local_endpoints():
             try:
-                open_session(self._options, [endpoint], (), access_control=True).close()
+                open_session(self._settings, [endpoint], (), access_control=True).close()
             except BusError as error:
                 last_error = error
                 if listen or error.code != "address_in_use":
@@ -66,11 +67,10 @@ class ZenohProbe:
 
     def _unreachable(self) -> tuple[str, ...]:
         """Return the configured routers that do not answer."""
-        client = replace(self._options, mode="client", listen=())
         unreachable = []
-        for endpoint in self._options.connect:
+        for endpoint in self._settings.connect:
             try:
-                open_session(client, (), [endpoint], access_control=False).close()
+                open_session(self._settings, (), [endpoint], access_control=False, client=True).close()
             except Unreachable:
                 unreachable.append(endpoint)
         return tuple(unreachable)

@@ -24,10 +24,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from waiting import until
 
-from imumon.bus import BusError, Publisher, SessionOptions, Subscriber, clean_id, zenoh_session
+from imumon.bus import BusError, Publisher, Subscriber, clean_id, zenoh_session
 from imumon.bus.publisher import CURVES
 from imumon.bus.queryable import MAX_QUEUED
 from imumon.bus.zenoh_session import LEASE_S, check_endpoint, is_local
+from imumon.config import ZenohSettings
 from imumon.model.report import Event, Report, from_json
 from imumon.model.report_json import to_json
 
@@ -274,12 +275,12 @@ def test_errors_have_a_code_and_name_the_setting() -> None:
     address = free_endpoint()
     with Publisher("x", listen=[address]):
         assert refused("y", listen=[address]).code == "address_in_use"
-    options = SessionOptions(insecure=True)
+    options = ZenohSettings(insecure=True)
     assert refused("x", listen=["tcp/192.0.2.1:7448"], settings=options).code == "address_not_local"
-    assert refused("x", settings=SessionOptions(certificate="/none/a.pem")).code == "file_unreadable"
-    unknown = refused("x", settings=SessionOptions(raw={"transport/lnk": 1}))
+    assert refused("x", settings=ZenohSettings(certificate="/none/a.pem")).code == "file_unreadable"
+    unknown = refused("x", settings=ZenohSettings(raw={"transport/lnk": 1}))
     assert (unknown.code, unknown.setting) == ("raw_invalid", "zenoh.raw")
-    reserved = refused("x", settings=SessionOptions(raw={"listen/endpoints": ["tcp/[::]:7447"]}))
+    reserved = refused("x", settings=ZenohSettings(raw={"listen/endpoints": ["tcp/[::]:7447"]}))
     assert (reserved.code, reserved.setting) == ("raw_not_allowed", "zenoh.raw")
     assert refused("//").code == "id_invalid"
 

@@ -7,7 +7,6 @@ import re
 import shutil
 import subprocess
 import time
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -17,14 +16,14 @@ from free_ports import free_port
 from paths import ROOT
 from waiting import until
 
-from imumon.bus import SessionOptions, Subscriber
+from imumon.bus import Subscriber
 from imumon.bus.zenoh_session import open_session
-from imumon.config import load
+from imumon.config import ZenohSettings, load
 
 
 def receives(address: str, *, timeout: float, **settings: object) -> bool:
     """Return whether a subscriber with these settings gets a report."""
-    with Subscriber([address], settings=SessionOptions(**settings)) as subscriber:
+    with Subscriber([address], settings=ZenohSettings(**settings)) as subscriber:
         received = subscriber.wait_report("a", timeout=timeout) is not None
         assert received == subscriber.connected()
         return received
@@ -85,10 +84,10 @@ def test_a_router_lets_daemons_publish_and_viewers_read(keys: Path) -> None:
         assert not receives(address, timeout=0.5, **identity(keys, "other/viewer"))
         assert not receives(address, timeout=0.5, **identity(keys, "viewer", ca="other/ca"))
         assert not receives(address, timeout=0.5, ca=str(keys / "ca.pem"))
-        with Subscriber([address], settings=SessionOptions(**identity(keys, "guest"))) as guest:
+        with Subscriber([address], settings=ZenohSettings(**identity(keys, "guest"))) as guest:
             until(guest.connected)
             assert guest.wait_report(timeout=0.4) is None
-        with Subscriber([address], settings=SessionOptions(**identity(keys, "viewer"))) as viewer:
+        with Subscriber([address], settings=ZenohSettings(**identity(keys, "viewer"))) as viewer:
             assert viewer.wait_report("a", timeout=60.0) is not None
             for name in ("viewer", "guest"):
                 with forger(address, **identity(keys, name)) as session:
@@ -101,8 +100,7 @@ def test_a_router_lets_daemons_publish_and_viewers_read(keys: Path) -> None:
 
 
 def forger(address: str, **settings: str) -> zenoh.Session:
-    options = replace(SessionOptions(**settings), mode="client")
-    return open_session(options, (), [address], access_control=False)
+    return open_session(ZenohSettings(**settings), (), [address], access_control=False, client=True)
 
 
 # ---------------------------------------- docs/ZENOH.md is correct
