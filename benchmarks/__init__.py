@@ -16,7 +16,6 @@ document is written by `document_tables`.
 | `holes` | what holes in a record do to limits of N, B and K | docs/dev/ACCURACY.md |
 | `sample_errors` | limits where samples or their stamps are wrong | docs/dev/ACCURACY.md |
 | `wander` | combined limits of sensors whose N and B wander | docs/dev/ACCURACY.md |
-| `growing` | what is drawn of a record at each length of two days, with a temperature | docs/dev/ACCURACY.md |
 | `record_length` | length of a record until N, B and K are precise enough | README.md |
 | `filters` | Kalman filters with the exported numbers: NEES | docs/FILTERS.md |
 | **history and real recordings** | | |
