@@ -32,6 +32,7 @@ from imumon.documents.report_texts import (
     date_text,
     excluded_sentence,
     filter_warning,
+    readable_curves,
     record_line,
     record_title,
     sensor_axes,
@@ -82,12 +83,14 @@ def _sheet(report: Report, filters: FilterReport, program: str) -> Iterator[Elem
     yield Paragraph(f"{counters_text(report).rstrip('.')}. {excluded_sentence(report)}")
     if not (inertial := [sensor for sensor in INERTIAL if sensor in sensors]):
         return
-    yield Heading("Allan deviation", new_page=True)
-    for sensor in inertial:
-        first = sensor == inertial[0]
+    curves = [sensor for sensor in inertial if readable_curves(report, sensor)]  # none of a combination
+    if curves:
+        yield Heading("Allan deviation", new_page=True)
+    for sensor in curves:
+        first = sensor == curves[0]
         caption = f"{SENSOR_TITLES[sensor]}, Allan deviation in {pretty(unit_of(sensor, 'B').unit)}"
         caption += f"; {record_line(report)}." if first else "; marks as above."
-        legend = f"{legend_text(report, inertial)}." if first else ""
+        legend = f"{legend_text(report, curves)}." if first else ""
         yield Figure(caption, curve_table(report, sensor), partial(svg, report, sensor), legend)
     yield Heading(f"Settings: {PROGRAMS[program].text}")
     yield Listing("yaml", "\n".join(number_lines(settings_document(program, report, filters))))

@@ -91,7 +91,7 @@ def _head(report: Report, late: str | None = None) -> Iterator[str]:
         yield late
     channel = report.channels.get(TEMPERATURE)
     degrees = f", {channel.last:.1f} °C" if channel is not None and channel.last is not None else ""
-    times = report.recording.times if report.recording is not None else ()
+    times = filter(None, report.recording.times if report.recording is not None else ())
     yield f"{record_title(report)}{degrees}{''.join(f', time from {name}' for name in times)}"
     yield f"{counters_text(report)}. {excluded_sentence(report)}"
     if report.session.recent_loss:
@@ -114,12 +114,17 @@ def _notes(report: Report) -> Iterator[str]:
         )
     if names:
         yield f"caveats: {', '.join(names)}"
-    if times := [
-        f"{item.letter} within ±{share_text(report.precision[item.letter])} in {duration(item.seconds)}"
+    goals = {
+        item: f"{item.letter} within ±{share_text(report.precision[item.letter])}"
         for item in readiness(report, report.precision)
-        if item.seconds
-    ]:
+    }
+    if times := [f"{text} in {duration(item.seconds)}" for item, text in goals.items() if item.seconds]:
         yield f"still to come: {', '.join(times)}"
+    if report.state == "stopped" and goals:
+        enough = ", ".join(text for item, text in goals.items() if item.ready)
+        short = ", ".join(text for item, text in goals.items() if not item.ready)
+        parts = (f"enough for {enough}" if enough else "", f"too short for {short}" if short else "")
+        yield f"the record is {', '.join(filter(None, parts))}"
     for name, channel in report.channels.items():
         yield from (change_text(name, change) for change in channel.changes)
     if report.data_sheet is not None and report.data_sheet.values:

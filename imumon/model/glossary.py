@@ -85,6 +85,16 @@ _WORDS: Mapping[str, tuple[str, str]] = {
         REPORTS,
     ),
     "grade": (GRADE_WORDS, THEORY),
+    "filter_not_known": (
+        "Nothing says how the sensor filters its samples. If it does not average over the output interval, noise "
+        "folds, and N is too high. For a recording, --filter names the filter.",
+        REPORTS,
+    ),
+    "rounded_away": (
+        "The values are coarser than the noise, so this coefficient does not show. Log more digits, or choose a finer "
+        "range of the sensor.",
+        REPORTS,
+    ),
     "provisional": ("The 95 % limits still allow another grade, or a coefficient is pending.", THEORY),
     "±": ("Half of the 95 % limits, as a share of the value.", REPORTS),
     "×÷": (

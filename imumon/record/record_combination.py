@@ -239,7 +239,8 @@ def _remarks(reports: Sequence[Report], channels: dict[ChannelName, Channel]) ->
     """Yield what was combined, and what of it no combination has."""
     rates = sorted({report.device.sample_rate_hz for report in reports if report.device.sample_rate_hz})
     listed = " and ".join(f"{rate:g} Hz" for rate in rates)
-    yield f"combination of {len(reports)} records{f' at {listed}' if listed else ''}: the limits hold their scatter"
+    each = f"combination of {len(reports)} records{f' at {listed}' if listed else ''}"
+    yield f"{each}: the limits hold their scatter, and there is no curve"
     if len({report.device.stream for report in reports}) > 1:
         yield "the records are of different streams, whose noise may differ"
     for name in channels:

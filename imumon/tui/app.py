@@ -316,6 +316,9 @@ class ImumonApp(App[int]):
     # ------------------------------------------------------------------ keys
 
     def action_view(self, name: str) -> None:
+        """Show a view, also from a window above another one, which closes."""
+        if len(self.screen_stack) > 1:
+            self.pop_screen()
         self.change(view=name)
 
     def action_turn(self, step: int) -> None:

@@ -231,7 +231,8 @@ class DialogWindow(ModalScreen[None]):
     """A small window above the view."""
 
     BINDINGS: ClassVar[list[BindingType]] = [
-        Binding("escape,q,enter,question_mark,f1", "dismiss(None)", "close")
+        Binding("escape,q,enter,question_mark,f1", "dismiss(None)", "close"),
+        *(Binding(str(k), f"app.view('{name}')", "") for k, name in enumerate(VIEWS, 1)),
     ]
 
     def __init__(self, title: str, lines: list[Line]) -> None:

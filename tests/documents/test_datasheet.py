@@ -9,6 +9,7 @@ import re
 import shlex
 from dataclasses import replace
 from html.parser import HTMLParser
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -21,7 +22,7 @@ from reports import report as make_report
 
 from imumon.documents import FORMS, short_record_text
 from imumon.documents.csv_table import COLUMNS as CSV_COLUMNS
-from imumon.documents.elements import DataTable
+from imumon.documents.elements import DataTable, Figure, Heading
 from imumon.documents.report_texts import excluded_sentence
 from imumon.documents.sheet import datasheet
 from imumon.documents.summary import LINES, summary_text
@@ -56,6 +57,23 @@ def test_tables_have_a_cell_for_each_column(age: str) -> None:
             for row in (lines[k - 1], *lines[k + 1 : k + 4]):
                 if row.startswith("|"):
                     assert len(re.findall(r"(?<!\\)\|", row)) == width
+
+
+@pytest.mark.few
+@pytest.mark.parametrize("age", AGES)
+@pytest.mark.parametrize("combined", [True, False])
+def test_a_heading_has_something_below_it(age: str, *, combined: bool) -> None:
+    report = aged(age)
+    if combined:  # a combination of records has no curve
+        channels = {name: replace(channel, allan=None) for name, channel in report.channels.items()}
+        report = replace(report, channels=channels)
+    sheet = datasheet(report, filters(report), "kalibr")
+    sections = (sheet.sheet, *(section.elements for section in sheet.appendix))
+    for elements in sections:
+        assert elements
+        for element, following in pairwise((*elements, Heading("end"))):
+            assert not (isinstance(element, Heading) and isinstance(following, Heading)), element
+            assert not isinstance(element, Figure) or element.svg(), element.caption
 
 
 class Balance(HTMLParser):

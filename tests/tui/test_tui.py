@@ -129,6 +129,9 @@ async def test_help_names_every_key_of_the_visible_view(app: ImumonApp, pilot: P
         assert titles.index("words of this view") - 1 <= window.size.height, (key, window.size)
         await pilot.press("escape")
         await pilot.pause()
+    await pilot.press("question_mark", "2")
+    await pilot.pause()
+    assert (len(app.screen_stack), app.view_state.view) == (1, "signal")  # a digit closes the help
 
 
 def test_events_are_filtered_by_words() -> None:
