@@ -5,14 +5,18 @@ from __future__ import annotations
 import argparse
 import json
 import sys
+import textwrap
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from datetime import datetime
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
 from imumon.cli import options
 from imumon.cli.exit_codes import NOT_FOUND, USAGE, CommandError
 from imumon.cli.options import Parser
+from imumon.history.history import EVENTS
 from imumon.history.rows import csv_pieces, iso, json_pieces, rows
 from imumon.history.selection import moment, of_parameters, selection
 from imumon.history.store import SUFFIX, HistoryError, HistoryStore, devices
@@ -20,11 +24,14 @@ from imumon.model.coefficients import BIAS_SLOPE, COEFFICIENTS, NOISE, Estimate,
 from imumon.model.errors import ImumonError
 from imumon.model.history_report import STEPS, HistoryRow, history_rows, objects
 from imumon.model.messages import matching
-from imumon.model.samples import UNITS
+from imumon.model.samples import UNITS, ChannelName
 from imumon.model.units import duration, measured, number, plus_minus, pretty
 
-ESTIMATE = 25
-"""Cells of a coefficient in the table."""
+WIDTH = 80
+"""Cells of a line for people."""
+_INDENT = " " * 17
+MOST_EVENTS = 50
+"""Events below the table: the newest, two screens; Zenoh has all."""
 
 
 def add_history(parser: Parser) -> None:
@@ -52,31 +59,31 @@ def history(arguments: argparse.Namespace) -> int:
         channels=tuple(arguments.channel or ()),
         step=arguments.step,
     )
-    rows = _objects(arguments, chosen)
+    rows, events = _objects(arguments, chosen)
     if arguments.json:
         pieces: Iterable[str] = (*json_pieces(rows), "\n")
     elif arguments.csv:
         pieces = csv_pieces(rows)
     else:
-        pieces = _table(rows, chosen.channels)
+        pieces = chain(_table(rows, chosen.channels), _event_lines(events, chosen))
     for piece in pieces:
         sys.stdout.write(piece)
     return 0
 
 
-def _objects(arguments: argparse.Namespace, chosen: Any) -> Iterator[dict[str, Any]]:
-    """Return the rows: of the daemon if one answers and no directory is given, else of the file."""
+def _objects(arguments: argparse.Namespace, chosen: Any) -> tuple[Iterator[Any], list[Any]]:
+    """Return rows and events: of the daemon if one answers and no directory is given, else of the file."""
     if arguments.state is None:
         answer = _asked(arguments, chosen)
         if answer is not None:
-            return iter(answer)
+            return answer
     loaded = options.settings(arguments)
     directory = Path(arguments.state) if arguments.state else options.state_directory(loaded)
     return _read(directory, arguments.id, chosen)
 
 
-def _asked(arguments: argparse.Namespace, chosen: Any) -> list[dict[str, Any]] | None:
-    """Return the rows of a running daemon; None if there is none and no endpoint was given."""
+def _asked(arguments: argparse.Namespace, chosen: Any) -> tuple[Iterator[Any], list[Any]] | None:
+    """Return rows and events of a running daemon; None if there is none and no endpoint was given."""
 
     with options.subscriber(arguments) as subscriber:
         cure = "read its file with --state"
@@ -92,12 +99,12 @@ def _asked(arguments: argparse.Namespace, chosen: Any) -> list[dict[str, Any]] |
         if answer is None:
             message = f"the daemon of {report.device.id} keeps no history"
             raise CommandError("no_history", message, "set history.enabled = true", NOT_FOUND)
-        rows: list[dict[str, Any]] = json.loads(answer)
-        return rows
+        events = subscriber.history(report.device.id, parameters, EVENTS)
+        return iter(json.loads(answer)), json.loads(events or b"[]")
 
 
-def _read(directory: Path, id: str | None, chosen: Any) -> Iterator[dict[str, Any]]:
-    """Return the rows of a file."""
+def _read(directory: Path, id: str | None, chosen: Any) -> tuple[Iterator[Any], list[Any]]:
+    """Return rows and events of a file."""
 
     known = devices(directory)
     meant = matching(id, known)
@@ -113,8 +120,10 @@ def _read(directory: Path, id: str | None, chosen: Any) -> Iterator[dict[str, An
         raise CommandError(
             "no_history", message, f"give one of these with --id: {', '.join(known)}", NOT_FOUND
         )
-    name = meant[0] if meant else str(id)
-    return _file_rows(directory / f"{name}{SUFFIX}", chosen)
+    file = directory / f"{meant[0] if meant else id}{SUFFIX}"
+    with HistoryStore(file) as store:
+        events = store.events(chosen.since, chosen.until)
+    return _file_rows(file, chosen), [{**event, "time": iso(event["time"])} for event in events]
 
 
 def _file_rows(file: Path, chosen: Any) -> Iterator[dict[str, Any]]:
@@ -174,31 +183,67 @@ def _beside(path: Path) -> Path | None:
 
 
 def _table(objects: Iterable[dict[str, Any]], channels: Sequence[str]) -> Iterator[str]:
-    """Yield lines for people: readable units, limits as half-widths."""
+    """Yield lines for people: the periods of each channel in readable units, limits as half-widths."""
 
-    empty = True
+    parts: dict[ChannelName, list[HistoryRow]] = {}
     for row in history_rows(objects):
-        if empty:
-            empty = False
-            names = "".join(f"{letter:<{ESTIMATE}}" for letter in NOISE)
-            head = f"{'time':<17}{'channel':<12}{names}{'mean':>18}{'°C':>7}{'missing':>10}"
-            yield f"{head}  step {row.step}\n"
-        sensor, known = row.channel.sensor, row.coefficients
-        noise = "".join(f"{_readable(sensor, letter, known.get(letter)):<{ESTIMATE}}" for letter in NOISE)
-        factor, unit = mean_unit(sensor, UNITS.get(sensor, ""))
-        mean = "–" if row.mean is None else f"{number(factor * row.mean, 5)} {pretty(unit)}"
-        heat = "–" if row.temperature is None else f"{row.temperature:.1f}"
-        missing = f"{row.missing:,}" if row.missing else "–"
-        line = f"{row.begin:%Y-%m-%d %H:%M} {row.channel:<12}{noise}{mean:>18}{heat:>7}{missing:>10}"
-        notes = ["in progress"] * (not row.complete)
-        others = [letter for letter in COEFFICIENTS if letter not in NOISE and letter in known]
-        notes += [f"{letter} {_readable(sensor, letter, known[letter])}" for letter in others]
-        notes += _slope(sensor, known.get(BIAS_SLOPE))
-        notes += [f"{duration(row.excluded_s)} excluded"] * (row.excluded_s >= 1.0)
-        yield f"{line}  {', '.join(notes)}".rstrip() + "\n"
-    if empty:
+        parts.setdefault(row.channel, []).append(row)
+    for channel, periods in parts.items():
+        _, unit = mean_unit(channel.sensor, UNITS.get(channel.sensor, ""))
+        units = [COEFFICIENTS[letter].units.get(channel.sensor) for letter in NOISE]
+        heads = [
+            f"{letter} {pretty(unit.unit)}" if unit else "" for letter, unit in zip(NOISE, units, strict=True)
+        ]
+        lines = [
+            (f"{channel}, step {periods[0].step}", f"mean {pretty(unit)}", *heads, "°C"),
+            *map(_cells, periods),
+        ]
+        widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
+        for cells, notes in zip(lines, ["", *map(_notes, periods)], strict=True):
+            yield "  ".join(f"{cell:<{n}}" for cell, n in zip(cells, widths, strict=True)).rstrip() + "\n"
+            yield from (
+                f"{text}\n"
+                for text in textwrap.wrap(notes, WIDTH, initial_indent=_INDENT, subsequent_indent=_INDENT)
+            )
+    if not parts:
         of = f" of {', '.join(channels)}" if channels else ""
         yield f"no rows{of} in this time\n"
+
+
+def _cells(row: HistoryRow) -> tuple[str, ...]:
+    """Return the cells of a period of a channel."""
+    sensor = row.channel.sensor
+    factor, _ = mean_unit(sensor, "")
+    noise = (_readable(sensor, letter, row.coefficients.get(letter), named=False) for letter in NOISE)
+    mean = "–" if row.mean is None else number(factor * row.mean, 5)
+    heat = "–" if row.temperature is None else f"{row.temperature:.1f}"
+    return f"{row.begin:%Y-%m-%d %H:%M}", mean, *noise, heat
+
+
+def _notes(row: HistoryRow) -> str:
+    """Return what else is known of a period of a channel."""
+    sensor, known = row.channel.sensor, row.coefficients
+    notes = ["in progress"] * (not row.complete)
+    others = [letter for letter in COEFFICIENTS if letter not in NOISE and letter in known]
+    notes += [f"{letter} {_readable(sensor, letter, known[letter])}" for letter in others]
+    notes += _slope(sensor, known.get(BIAS_SLOPE))
+    notes += [f"{row.missing:,} missing"] * bool(row.missing)
+    notes += [f"{duration(row.excluded_s)} excluded"] * (row.excluded_s >= 1.0)
+    return ", ".join(notes)
+
+
+def _event_lines(events: Sequence[dict[str, Any]], chosen: Any) -> Iterator[str]:
+    """Yield the events of the span and of the channels, oldest first."""
+    shown = [event for event in events if not event["channel"] or chosen.wants(ChannelName(event["channel"]))]
+    if shown:
+        earlier = len(shown) - MOST_EVENTS
+        yield f"\nevents{f', without {earlier} earlier ones' if earlier > 0 else ''}\n"
+    for event in shown[-MOST_EVENTS:]:
+        times = f" ({event['count']} times)" if event["count"] > 1 else ""
+        text = (
+            f"{datetime.fromisoformat(event['time']):%Y-%m-%d %H:%M} {event['kind']}: {event['text']}{times}"
+        )
+        yield from (f"{line}\n" for line in textwrap.wrap(text, WIDTH, subsequent_indent=_INDENT))
 
 
 def _slope(sensor: str, part: Estimate | None) -> list[str]:
@@ -211,13 +256,13 @@ def _slope(sensor: str, part: Estimate | None) -> list[str]:
     return [f"slope {plus_minus(slope.value, slope.low, slope.high, 3)} {pretty(unit.unit)}/°C"]
 
 
-def _readable(sensor: str, letter: str, part: Estimate | None) -> str:
+def _readable(sensor: str, letter: str, part: Estimate | None, *, named: bool = True) -> str:
     """Return a coefficient in the readable unit, with its half-width or the factor of its limits."""
 
     unit = COEFFICIENTS[letter].units.get(sensor)
     if part is None or unit is None:
         return "–"
-    name = pretty(unit.unit)
+    name = f" {pretty(unit.unit)}" if named else ""
     return part.scaled(unit.factor).text(
-        lambda *limits: f"{measured(*limits)} {name}", lambda high: f"< {number(high, 3)} {name}", "pending"
+        lambda *limits: f"{measured(*limits)}{name}", lambda high: f"< {number(high, 3)}{name}", "pending"
     )

@@ -312,10 +312,17 @@ def test_json_and_csv_have_the_same_numbers(tmp_path: Path) -> None:
 def test_the_command_reads_the_file(tmp_path: Path) -> None:
     now = time.time()
     write(tmp_path, "imu", [period(k, begin=now - 21600.0 + 3600.0 * k) for k in range(6)])
+    history = History(tmp_path, "imu", keep_days=400)
+    stamp, text = datetime.fromtimestamp(now - 60.0, UTC).isoformat(), "gap: 3 samples missing (0.03 s)"
+    history.event(Event(time=stamp, kind="gap", text=text, device="imu"))
+    history.close()
     assert len(json.loads(imumon("history", "--state", tmp_path, "--channel", "gyro", "--json"))) == 18
     table = imumon("history", "--state", tmp_path, "--channel", "gyro/x").splitlines()
-    assert len(table) == 7
-    assert "°/√h" in table[1]
+    assert len(table) == 16  # a row and a line of notes for each hour, and the event
+    assert "°/√h" in table[0]
+    everything = imumon("history", "--state", tmp_path)
+    assert max(map(len, everything.splitlines())) <= 80
+    assert "gap: 3 samples" in everything[everything.index("\nevents\n") :]
 
 
 @pytest.mark.parametrize(
