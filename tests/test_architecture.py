@@ -102,6 +102,15 @@ def test_an_init_only_reexports() -> None:
     ]
 
 
+def test_a_package_that_lists_its_modules_lists_all() -> None:
+    """A newcomer opens the list first, and takes what it lacks for something that does not exist."""
+    for init in PACKAGE.rglob("__init__.py"):
+        text = ast.get_docstring(ast.parse(init.read_text("utf-8"))) or ""
+        modules = {path.stem for path in init.parent.glob("*.py")} - {"__init__", "__main__"}
+        listed = {module for module in modules if re.search(rf"\b{module}\b", text)}
+        assert len(listed) <= len(modules) / 2 or listed == modules, (init, modules - listed)
+
+
 def test_a_module_is_one_concept() -> None:
     """A concept is whole in one file: up to 700 lines, and never too short to be a concept."""
     lines = {path: len((PACKAGE / path).read_text("utf-8").splitlines()) for path in nodes()}

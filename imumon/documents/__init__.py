@@ -12,6 +12,9 @@ csv_table        every number as one tidy CSV table
 filter_values    numbers for filters, with comments: unit, origin, factor against plain K, record length
 convergence_figure  what was stated of a shorter record: figure and table
 spectrum_figure  power spectral density
+temperature_figure  the bias against the temperature
+plotting         what all figures have in common
+references       published limits of sensors
 program_settings settings of other programs: templates and factors
 """
 

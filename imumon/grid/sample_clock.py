@@ -172,7 +172,10 @@ class SampleClock:
         self._rates = RateChange()
 
     def gap(self, length_s: float | None = None) -> None:
-        """Note that the stream was interrupted; an absolute clock shows the exact length itself.
+        """Note that the stream was interrupted.
+
+        An absolute clock shows the exact length itself. Of a stream with another clock, or none, the length is not
+        used: the next sample follows a gap of unknown length.
 
         Parameters
         ----------

@@ -7,6 +7,8 @@ selection    which rows are asked for
 rows         published form of the rows: JSON, CSV
 power_ups    when the sensor was switched on, and its bias each time
 repeatability  scatter of N, B and K between days
+day_changes  each day compared with the days before it
+metrics      the newest reports as numbers for Prometheus
 
 `History` is imported from its module: it tests for changes, which reading the file does not need.
 

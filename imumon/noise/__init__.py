@@ -37,7 +37,7 @@ Which samples are noise?
 How do averages over τ vary?
     `allan/`: `cascade`, `octave` (sums), `curve`
 Which density, autocovariance and cosine coefficients have N, B and K?
-    `power_law`
+    `power_law`, and `markov_law` of Gauss–Markov noise
 How much power does each frequency have?
     `spectrum/`: `spectrum_accumulator` (levels), `level_sums` (for the fit), `power_spectrum` (for people)
 Which bins are lines, of those that the fit masks and of those that the report names?

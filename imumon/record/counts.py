@@ -70,7 +70,7 @@ class Counts:
         """Share of the received samples that were excluded as stuck, 0 to 1."""
         return self.excluded.get("stuck", 0) / max(self.samples, 1)
 
-    def excluded_noise(self) -> Floats:
+    def excluded_variance(self) -> Floats:
         """Return (c,) (channel unit)^2, what the excluded outliers would add to the variance where they are noise."""
         return self.excluded_squares / max(self.samples - self.excluded_samples, 1)
 

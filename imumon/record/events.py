@@ -131,7 +131,7 @@ class EventLog:
             text = f"a warm-up of {duration(warmup)} is over and excluded"
             self.add(DetectedEvent("warmup", text, elapsed_s, length_s=warmup))
         for place, at_rest in rest:
-            text = "at rest again" if at_rest else "not at rest: statistics are suspended"
+            text = "at rest again" if at_rest else "not at rest: samples are excluded"
             self.add(DetectedEvent("rest" if at_rest else "motion", text, place * self._interval_s))
         for place, hangs in stuck:
             begins = "the values do not change: an axis or the whole sensor hangs"
@@ -173,7 +173,7 @@ class EventLog:
             self._update_gaps(steps, span)
 
     def _update_clock(self, steps: Ints, span: int) -> None:
-        """Add resets of the clock; after an event, those in the next `GAP_EVENT_S` are only counted."""
+        """Add gaps of unknown length; after an event, those in the next `GAP_EVENT_S` are only counted."""
         breaks = steps == BREAK
         if not breaks.any():
             return
@@ -181,7 +181,7 @@ class EventLog:
         for elapsed_s in (places[breaks] * self._interval_s).tolist():
             if elapsed_s >= self._next_reset_s:
                 self._next_reset_s = elapsed_s + GAP_EVENT_S
-                text = "the clock of the sensor was reset: a gap of unknown length"
+                text = "a gap of unknown length: the sensor or its clock restarted, or the connection was interrupted"
                 self.add(DetectedEvent("restart", text, elapsed_s, code="clock_reset"))
 
     def _update_gaps(self, steps: Ints, span: int) -> None:

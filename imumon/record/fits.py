@@ -4,6 +4,16 @@ They cost many times what the samples of a second cost and hardly change in a se
 reuses the last ones until the record has grown by a tenth, or by a minute,
 whichever comes first. Curve and fit always belong to the same moment. Counts, means and everything else that
 is cheap belong to the moment of the report.
+
+A coefficient of a fit is a bound if the likelihood does not show it, if a term beside it explains the same, or if the
+model leaves the curve (`noise.fit.statement`, `noise.fit.curve_statement`). The record then makes K a bound, in this
+order, where
+
+1. no model of the record explains it (`_judged`; B and M, too),
+2. its halves contradict each other (`_with_contradiction`),
+3. the sensor still warms up (`_without_slow_values`; M, too).
+
+Before a record is long enough, everything is pending (`_why_pending`).
 """
 
 from __future__ import annotations
@@ -163,7 +173,7 @@ class Fits:
         """Return the fits, as far as the state of the record lets them count; decide whether it warms up."""
         fits = self._estimator.fit(curve, renew=force or None, resolution=self.resolution, kurtosis=kurtosis)
         fits = _judged_as_a_record(fits)
-        excluded = (counts.excluded_noise() * counts.interval_s).tolist()
+        excluded = (counts.excluded_variance() * counts.interval_s).tolist()
         fits = tuple(_with_tails(fit, power) for fit, power in zip(fits, excluded, strict=False))
         self._compare_halves(sums, counts.elapsed_s, fits, kurtosis, force=force)
         fits = tuple(

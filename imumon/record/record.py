@@ -192,7 +192,7 @@ class Record:
         ------
         RateRequired : the stream has no clock and no rate is configured.
         """
-        # The host clock bridges gaps of a stream without a clock: blocks of other streams took their part of the time.
+        # The host clock limits jumps of the sample clock: blocks of other streams took their part of the time.
         passed_s = None if host_s is None else self._other_streams_s + host_s
         block = self._of_numbers(block)
         mismatch = None
@@ -531,7 +531,7 @@ class Record:
             gaps=self.gaps,
             excluded={str(reason): count for reason, count in guard.excluded.items()},
             excluded_samples=guard.excluded_samples,
-            excluded_squares=guard.excluded_noise,
+            excluded_squares=guard.excluded_squares,
             noisy=guard.noisy_outliers,
             disturbances=guard.disturbances if guarded else 0,
             at_rest=guard.at_rest,

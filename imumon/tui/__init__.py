@@ -14,6 +14,7 @@ braille_canvas numbers in, character cells out
 formatting     numbers as text of limited width
 export         the saved report, and numbers for other programs
 terminal       what the screen needs of the terminal
+web            the screen in a browser
 """
 
 from imumon.tui.tui import run

@@ -209,7 +209,7 @@ class Guard:
         return noisy
 
     @property
-    def excluded_noise(self) -> Floats:
+    def excluded_squares(self) -> Floats:
         """(c,) (channel unit)^2, sum of the squares of excluded outliers of the channels whose outliers are noise.
 
         They are those that came before this was known, and those beyond the reach of a tail, which count as at its end.
