@@ -16,9 +16,8 @@ from typing import Any
 from imumon.cli import options
 from imumon.cli.exit_codes import NOT_FOUND, USAGE, CommandError
 from imumon.cli.options import Parser
-from imumon.history.history import EVENTS
 from imumon.history.rows import csv_pieces, iso, json_pieces, rows
-from imumon.history.selection import moment, of_parameters, selection
+from imumon.history.selection import EVENTS, moment, of_parameters, selection
 from imumon.history.store import SUFFIX, HistoryError, HistoryStore, devices
 from imumon.model.coefficients import BIAS_SLOPE, COEFFICIENTS, NOISE, Estimate, mean_unit, unit_of
 from imumon.model.errors import ImumonError

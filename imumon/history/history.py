@@ -22,7 +22,7 @@ from imumon.history import selection
 from imumon.history.day_changes import DAYS_KEPT, DayChanges
 from imumon.history.power_ups import PowerUps
 from imumon.history.rows import iso, json_pieces, rows
-from imumon.history.selection import Selection, SelectionError
+from imumon.history.selection import EVENTS, Selection, SelectionError
 from imumon.history.store import (
     SUFFIX,
     HistoryError,
@@ -49,8 +49,6 @@ CLOSE_S = 3.0
 """s that the disk may take at the end."""
 BARRIER_S = 3.0
 """s for which a state waits for the periods before it: a disk that hangs must not keep it from being saved."""
-EVENTS = "event"
-"""Name of the key of the events below that of the history."""
 
 _Key = tuple[int, str, int]
 

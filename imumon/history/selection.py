@@ -16,6 +16,8 @@ from imumon.model.history_report import STEPS
 from imumon.model.samples import ChannelName
 from imumon.model.units import DAY, seconds
 
+EVENTS = "event"
+"""Name of the key of the events below that of the history."""
 HOURS_S = 62.0 * DAY
 """s, longest span that is answered in steps of an hour if no step is asked for."""
 
