@@ -110,7 +110,7 @@ def state_sizes() -> Iterator[Figure]:
     for exponent in (10, 12):
         cascade = OctaveCascade(9, 1 / 800, groups=GROUPS)
         cascade.skip(10**exponent)
-        yield at_most(f"state of 9 channels at n = 10^{exponent}", cascade.nbytes / 1000, 200.0, "kB")
+        yield at_most(f"state of 9 channels at n = 10^{exponent}", len(pack(cascade)) / 1000, 200.0, "kB")
 
 
 class ExactCascade:
@@ -312,8 +312,8 @@ def of_length(exponent: int) -> Length:
         both,
         peer,
         live,
-        runs[-1][1].nbytes,
-        nine.nbytes,
+        len(pack(runs[-1][1])),
+        len(pack(nine)),
         8 * n,
     )
 

@@ -25,9 +25,9 @@ from imumon.record import Record, RecordOptions
 
 RATE = 20.0
 STREAM = Stream("deltas", ("gyro/x", "gyro/y", "accel/x", "mag/x", "temperature"), "made", "startup")
-LAYOUT = "e6927362"
+LAYOUT = "bb4de0b2"
 """Digest of the names of all attributes that a state has. If it changes, so must `imumon.checkpoint.FORMAT`."""
-LAYOUT_FORMAT = 14
+LAYOUT_FORMAT = 15
 
 
 def feed(made: PlacedRecord, lengths: list[int], seed: int) -> None:

@@ -113,12 +113,6 @@ class OctaveCascade:
         """Samples of the grid so far, over all sections."""
         return self.section_start + self._stages.position + self._fill
 
-    @property
-    def nbytes(self) -> int:
-        """Bytes of state: sums, delay lines and one block."""
-        buffers = sum(array.nbytes for array in vars(self).values() if isinstance(array, np.ndarray))
-        return buffers + self._stages.nbytes + self.spectrum.nbytes + self.blocks.nbytes
-
     def update(self, values: Floats, valid: Bools | None = None) -> None:
         """Add consecutive samples.
 

@@ -108,11 +108,6 @@ class Octave:
             setattr(other, name, getattr(self, name).copy())
         return other
 
-    @property
-    def nbytes(self) -> int:
-        """Bytes of sums and delay line."""
-        return sum(array.nbytes for array in vars(self).values() if isinstance(array, np.ndarray))
-
     def start_section(self) -> None:
         """Clear the delay line but keep the sums."""
         self.delay_line.fill(0.0)
@@ -216,11 +211,6 @@ class OctaveStages:
         self._octaves: list[Octave] = []
         self.position = 0
         self._buffers = [np.empty(0)] * 3  # reused: fresh arrays double the time per sample
-
-    @property
-    def nbytes(self) -> int:
-        """Bytes of state: sums and delay lines."""
-        return sum(octave.nbytes for octave in self._octaves)
 
     def input_buffer(self, n: int) -> Floats:
         """Return (c, n) channel unit, where to write the next samples, at most `BATCH` blocks."""

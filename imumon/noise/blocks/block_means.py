@@ -115,11 +115,6 @@ class BlockAccumulator:
         self._segments = 0
 
     @property
-    def nbytes(self) -> int:
-        """Bytes of state."""
-        return sum(v.nbytes for v in vars(self).values() if isinstance(v, np.ndarray))
-
-    @property
     def position(self) -> int:
         """Samples of the grid so far."""
         return self._n

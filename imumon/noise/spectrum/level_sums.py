@@ -113,7 +113,6 @@ class Level:
         self.last_share: Floats | None = None  # (g, HOP) its shares of valid samples; None: all
         self.half: Floats | None = None  # (c, HOP/2) first half of a hop
         self.half_share: Floats | None = None
-        self.waiting: list[tuple[Floats, Floats | None]] = []  # hops (c, n HOP) and their shares (g, n HOP)
 
     def sub_sums(self, level: int) -> LevelSums:
         """Return the present sums by sub-band."""

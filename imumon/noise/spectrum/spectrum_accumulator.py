@@ -90,8 +90,6 @@ LONG_GAP = 1 << 16
 which takes as long as samples would: 0.1 s for these, minutes for a gap of a month."""
 
 
-BATCH_HOPS = 8
-"""Hops that wait for each other, because each array operation has a fixed cost."""
 TOGETHER = 16
 """Segments that are transformed together at most: their work arrays, 0.3 MB of nine channels, stay in the cache of the
 processor; those of 64 take four times as long."""
@@ -129,18 +127,6 @@ class SpectrumAccumulator:
         self._levels: list[Level] = []
         self._marks: list[SpectrumMark] = []
 
-    @property
-    def nbytes(self) -> int:
-        """Bytes of state."""
-        return sum(
-            v.nbytes for level in self._levels for v in vars(level).values() if isinstance(v, np.ndarray)
-        )
-
-    @property
-    def levels(self) -> int:
-        """Number of levels so far."""
-        return len(self._levels)
-
     def update(self, x: Floats, valid: Floats | None = None) -> None:
         """Add consecutive samples.
 
@@ -152,19 +138,18 @@ class SpectrumAccumulator:
         """
         used = x.shape[1] // HOP * HOP
         if used:
-            share = None if valid is None or valid[:, :used].all() else valid[:, :used].copy()
-            self._feed(0, x[:, :used].copy(), share)  # the caller writes the next samples into the same array
+            share = None if valid is None or valid[:, :used].all() else valid[:, :used]
+            self._process(0, x[:, :used], share)
 
     def skip(self, n: int) -> None:
         """Note that `n` samples are missing, a multiple of `HOP`."""
         if n > LONG_GAP:
             self.break_()
         elif n >= HOP:
-            self._feed(0, np.zeros((len(self._groups), n)), np.zeros((self._g, n)))
+            self._process(0, np.zeros((len(self._groups), n)), np.zeros((self._g, n)))
 
     def break_(self) -> None:
         """Note a gap of unknown length: no segment spans it."""
-        self._process_waiting()
         for mark in self._marks:  # no later segment begins before them
             self._keep_sums(mark, range(LEVELS))
         for level in self._levels:
@@ -172,7 +157,6 @@ class SpectrumAccumulator:
 
     def sums(self) -> list[LevelSums]:
         """Return the sums of each level by bin, from `FIRST_BIN` on."""
-        self._process_waiting()
         return [
             LevelSums(
                 level.power[:, FIRST_BIN : last_bin(s)] / HANN_POWER,
@@ -186,27 +170,22 @@ class SpectrumAccumulator:
 
     def result(self) -> PowerSpectrum:
         """Return density, lines and white level."""
-        self._process_waiting()
         sums = [(level.power, level.averages[self._groups]) for level in self._levels]
         return displayed(sums, self._rate, len(self._groups))
 
     def copy(self) -> SpectrumAccumulator:
         """Return an independent accumulator in the same state, without marks."""
-        self._process_waiting()
         other = copy.copy(self)
         other._marks, other._levels = [], []
         for level in self._levels:
             new = copy.copy(level)
             for name in LevelSums.__slots__:
                 setattr(new, name, getattr(level, name).copy())
-            new.waiting = []
             other._levels.append(new)  # `last` and `half` are replaced, never changed: both may hold the same
         return other
 
     def add_sums(self, other: SpectrumAccumulator) -> None:
         """Add the sums of another accumulator of the same groups, whose samples lie before a break."""
-        other._process_waiting()
-        self._process_waiting()
         while len(self._levels) < len(other._levels):
             self._levels.append(Level(len(self._levels), len(self._groups), self._g))
         for ours, theirs in zip(self._levels, other._levels, strict=False):
@@ -218,8 +197,7 @@ class SpectrumAccumulator:
     def add_mark(self) -> SpectrumMark:
         """Return a mark at the present place."""
         first = self._levels[0] if self._levels else None
-        start = 0 if first is None else first.hops * HOP + sum(x.shape[1] for x, _ in first.waiting)
-        mark = SpectrumMark(start)
+        mark = SpectrumMark(0 if first is None else first.hops * HOP)
         if not mark.start:
             self._keep_sums(mark, range(LEVELS))  # no segment begins before it
         self._marks.append(mark)
@@ -231,7 +209,6 @@ class SpectrumAccumulator:
 
     def sums_between(self, begin: SpectrumMark, end: SpectrumMark | None = None) -> list[LevelSums]:
         """Return the sums of each level by sub-band over the segments that begin between two marks; None: now."""
-        self._process_waiting()
         out = []
         for s, level in enumerate(self._levels):
             now = level.sub_sums(s)
@@ -254,22 +231,11 @@ class SpectrumAccumulator:
 
     # --- levels ---------------------------------------------------------------------------------------
 
-    def _feed(self, s: int, x: Floats, share: Floats | None) -> None:
-        """Add whole hops (c, n), channel unit, with the shares of valid samples (g, n) to level s."""
+    def _process(self, s: int, x: Floats, share: Floats | None) -> None:
+        """Add whole hops (c, n), channel unit, with their shares of valid samples (g, n) to level s and those below."""
         if s == len(self._levels):
             self._levels.append(Level(s, len(x), self._g))
-        waiting = self._levels[s].waiting
-        waiting.append((x, share))
-        if sum(w.shape[1] for w, _ in waiting) >= BATCH_HOPS * HOP:
-            self._process(s)
-
-    def _process(self, s: int) -> None:
-        """Process the hops that wait at level s."""
         level = self._levels[s]
-        if not level.waiting:
-            return
-        x, share = _joined(level.waiting, self._g)
-        level.waiting = []
         before, share_before = level.last, level.last_share
         self._add_segments(s, x, share)
         level.last = x[:, -HOP:].copy()
@@ -286,13 +252,7 @@ class SpectrumAccumulator:
             level.half = halves[:, used:].copy()
             level.half_share = None if half_share is None else half_share[:, used:].copy()
         if used:
-            self._feed(s + 1, halves[:, :used], None if half_share is None else half_share[:, :used])
-
-    def _process_waiting(self) -> None:
-        """Process everything that waits; the sums do not depend on when."""
-        for s in range(LEVELS):
-            if s < len(self._levels):  # which processing may add
-                self._process(s)
+            self._process(s + 1, halves[:, :used], None if half_share is None else half_share[:, :used])
 
     def _add_segments(self, s: int, x: Floats, share: Floats | None) -> None:
         """Add the segments that these hops complete, and keep the sums that marks wait for."""
