@@ -48,9 +48,11 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import numpy as np
 from scipy.special import stdtrit
 
 from imumon.model.coefficients import COEFFICIENTS, LIMIT_95, MARKOV, QUARTERS
+from imumon.model.samples import Floats
 from imumon.noise.validity_groups import DITHERED, ROUNDING_VARIANCE
 
 
@@ -209,15 +211,14 @@ def of_records(values: Sequence[float], errors: Sequence[float], systematic: flo
     >>> [round(number, 2) for number in (mean.combined_low, mean.combined_high)]
     [0.88, 1.14]
     """
-    logs, variances = [math.log(value) for value in values], [error**2 for error in errors]
-    freedom = len(logs) - 1
-    between = _between(logs, variances)
-    weights = [1.0 / (variance + between) for variance in variances]
-    total = sum(weights)
-    mean = sum(w * y for w, y in zip(weights, logs, strict=True)) / total
-    residual = sum(w * (y - mean) ** 2 for w, y in zip(weights, logs, strict=True))
-    statistics = LIMIT_95 / math.sqrt(sum(1.0 / variance for variance in variances))
-    empirical = _coverage(freedom) * math.sqrt(residual / (freedom * total))
+    logs, variances = np.log(values), np.square(errors)
+    freedom = logs.size - 1
+    between = variance_between(logs, variances, freedom)
+    weights = 1.0 / (variances + between)
+    mean = float(weights @ logs / weights.sum())
+    residual = weighted_squares(logs, variances + between)
+    statistics = LIMIT_95 / math.sqrt(float((1.0 / variances).sum()))
+    empirical = _coverage(freedom) * math.sqrt(residual / (freedom * float(weights.sum())))
     whole = math.hypot(max(statistics, empirical), LIMIT_95 * systematic)
     return RecordMean(
         value=math.exp(mean),
@@ -230,22 +231,24 @@ def of_records(values: Sequence[float], errors: Sequence[float], systematic: flo
     )
 
 
-def _between(logs: Sequence[float], variances: Sequence[float]) -> float:
-    """Return the variance between records with which their weighted residuals have k - 1 degrees of freedom, or 0."""
+def weighted_squares(logs: Floats, variances: Floats) -> float:
+    """Return the sum of the squared distances of values (k,) from their weighted mean, over their variances."""
+    weights = 1.0 / variances
+    return float(weights @ (logs - weights @ logs / weights.sum()) ** 2)
 
-    def excess(between: float) -> float:
-        weights = [1.0 / (variance + between) for variance in variances]
-        mean = sum(w * y for w, y in zip(weights, logs, strict=True)) / sum(weights)
-        return sum(w * (y - mean) ** 2 for w, y in zip(weights, logs, strict=True)) - (len(logs) - 1)
 
-    if excess(0.0) <= 0.0:
+def variance_between(logs: Floats, variances: Floats, target: float) -> float:
+    """Return the variance between values (k,) with which their weighted squares sum to a target, or 0.0.
+
+    With a target of k - 1 degrees of freedom it is the estimate of Paule and Mandel (J. Res. NBS 87, 377, 1982).
+    """
+    if weighted_squares(logs, variances) <= target:
         return 0.0
-    low, high = 0.0, max(logs) - min(logs)
-    high = high**2 * len(logs)  # more than the variance of the values: the residuals are too small there
-    for _ in range(80):  # excess falls with the variance: halving reaches the last digit
-        middle = 0.5 * (low + high)
-        low, high = (middle, high) if excess(middle) > 0.0 else (low, middle)
-    return 0.5 * (low + high)
+    # with equal variances of zero the sum would be the upper end; variances only lower it
+    low, high = 0.0, float(np.sum((logs - logs.mean()) ** 2)) / target
+    while low < (middle := 0.5 * (low + high)) < high:  # until no float lies between
+        low, high = (middle, high) if weighted_squares(logs, variances + middle) > target else (low, middle)
+    return high
 
 
 def _are_logarithmic(value: float, low: float, high: float) -> bool:

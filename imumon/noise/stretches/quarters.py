@@ -14,6 +14,7 @@ long enough there are 5 to 8 marks, hence 4 to 7 equal lengths between them, and
 
 from __future__ import annotations
 
+import math
 from itertools import pairwise
 
 import numpy as np
@@ -25,6 +26,7 @@ from imumon.model.saved_state import restorable
 from imumon.noise.blocks.block_means import BLOCK
 from imumon.noise.noise_sums import NoiseSums
 from imumon.noise.stretches.parts import Parts
+from imumon.noise.uncertainty import variance_between, weighted_squares
 
 NEGLECTED_P = 0.25
 """The variance between quarters counts where chance makes as much in fewer records. Unit: probability.
@@ -57,29 +59,20 @@ def excess(values: Floats, errors: Floats) -> Excess:
     >>> excess(np.array([1.00, 1.02, 0.97, 1.01]), np.full(4, 0.03)).value is None
     True
     """
-    logs, half_dof = np.log(values), 0.5 * (len(values) - 1)
-
-    def squares(variance: float) -> float:
-        weight = 1.0 / (errors**2 + variance)
-        return float(weight @ (logs - weight @ logs / weight.sum()) ** 2)
+    logs, half_dof, variances = np.log(values), 0.5 * (len(values) - 1), errors**2
+    squares = weighted_squares(logs, variances)
 
     def deviation_of(target: float) -> float:
-        """Return the deviation at which the sum of squares has a value; 0.0 if it is smaller without any."""
-        if squares(0.0) <= target:
-            return 0.0
-        # with equal errors of zero the sum would be the upper end; errors only lower it
-        low, high = 0.0, float(np.sum((logs - logs.mean()) ** 2)) / target
-        while low < (middle := 0.5 * (low + high)) < high:  # until no float lies between
-            low, high = (middle, high) if squares(middle) > target else (low, middle)
-        return float(np.sqrt(high))
+        """Return the deviation with which the sum of squares has a value; 0.0 if it is smaller without any."""
+        return math.sqrt(variance_between(logs, variances, target))
 
     def quantile(beyond: float) -> float:
         return 2.0 * float(gammainccinv(half_dof, beyond))
 
-    p_value = float(gammaincc(half_dof, 0.5 * squares(0.0)))
+    p_value = float(gammaincc(half_dof, 0.5 * squares))
     if p_value >= NEGLECTED_P:
         # quarters that agree better than their errors do so by chance: the bound is that of errors as they should be
-        by_chance = min(1.0, squares(0.0) / (2.0 * half_dof))
+        by_chance = min(1.0, squares / (2.0 * half_dof))
         return Excess(low=0.0, high=deviation_of(by_chance * quantile(0.95)), p_value=p_value)
     value = deviation_of(2.0 * half_dof)
     low, high = deviation_of(quantile(0.025)), deviation_of(quantile(0.975))
