@@ -31,10 +31,8 @@ channel, dPhi_k its increment over second k, v_k the error of fix k, and T the t
 
    For flicker this holds only for weights that sum to zero: its increments alone have no finite variance. They do sum
    to zero, because the bias has no prior information: an error of a constant rate is corrected. Of Gauss–Markov noise
-   of standard deviation M and time constant T, the variance of an increment over h and the covariance of two that lie
-   a time s apart are (IEEE Std 952-1997, section C.1.4)
-
-       2 M^2 T^2 (h/T - 1 + exp(-h/T))    and    M^2 T^2 (1 - exp(-h1/T)) exp(-s/T) (1 - exp(-h2/T))
+   of standard deviation M and time constant T, g is -M^2 T^2 (|t|/T - 1 + exp(-|t|/T)) (IEEE Std 952-1997, section
+   C.1.4), up to a multiple of t^2, which these weights remove.
 4. Both moments of NEES(h) are then closed forms.
 
 All filters of a call are computed together, so that a search over parameters costs little more than one prediction.
@@ -54,12 +52,14 @@ the longer it has no fix:
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from functools import cache, lru_cache
+from typing import TypeAlias
 
 import numpy as np
 
 from imumon.model.samples import Floats
+from imumon.noise import markov_law
 from imumon.noise.power_law import phase_autocovariance
 
 STEP_S = 0.2
@@ -75,8 +75,8 @@ UNKNOWN_BIAS = 1e3
 """Fixes' standard deviations per second that the bias may have at the start: it is unknown. A hundred times as much
 changes no NEES by more than 1e-5."""
 
-FLICKER, WALK = 1, 2
-"""Rows of `phase_autocovariance`: those of B and K."""
+Autocovariance: TypeAlias = Callable[[Floats], Floats]
+"""Returns (r, ...) the generalised autocovariance of the integral of a noise of size 1 at lags (...), s."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -237,100 +237,47 @@ def _squared_error(
     weights : of `_weights`, on the error after the last fix.
     effects : (r, h, m) of `_open_loop`.
     """
-    increments, fixes = weights
-    n, r, m = increments.shape
-    flat = increments.reshape(n, r * m)
-    start, last = np.arange(float(n)), float(n)
-    horizons = tuple(horizon_s.tolist())
-
-    def product(a: Floats, b: Floats) -> Floats:
-        # (r, m, m): matmul of stacks is many times faster here than einsum over three axes
-        return np.asarray(np.matmul(a.transpose(1, 2, 0), b.transpose(1, 0, 2)))
-
+    increments, fixes = (part.transpose(1, 0, 2) for part in weights)  # (r, n, m): matmul of stacks
     # Increments of white noise over 1 s are independent, of variance N^2, and so are the errors of the fixes.
-    covariance = truths.N[:, None, None] ** 2 * product(increments, increments)
-    covariance += truths.fix[:, None, None] ** 2 * product(fixes, fixes)
-    mixed, ahead = np.zeros((r, len(horizon_s))), truths.N[:, None] ** 2 * horizon_s
-    for noise, strength in ((FLICKER, truths.B), (WALK, truths.K)):
+    covariance = truths.N[:, None, None] ** 2 * (increments.swapaxes(1, 2) @ increments)
+    covariance += truths.fix[:, None, None] ** 2 * (fixes.swapaxes(1, 2) @ fixes)
+    mixed, ahead = np.zeros((len(truths.N), len(horizon_s))), truths.N[:, None] ** 2 * horizon_s
+    for strength, autocovariance in _with_memory(truths):
         square = strength**2
-        within = (_increments(noise) @ flat).reshape(n, r, m)
-        covariance += square[:, None, None] * product(increments, within)
-        # Flicker and random walk have a memory: what follows the last fix depends on the increments before it.
-        crossing, following = _beyond_the_fixes(noise, horizons)
-        by_state = (crossing.T @ flat).reshape(len(horizon_s), r, m).transpose(1, 0, 2)
-        mixed += square[:, None] * (effects * by_state).sum(axis=2)
+        within = _within(autocovariance, increments)
+        covariance += square[:, None, None] * (increments.swapaxes(1, 2) @ within)
+        # what follows the last fix depends on the increments before it
+        crossing, following = _beyond_the_fixes(autocovariance, horizon_s)
+        mixed += square[:, None] * (effects * (crossing @ increments)).sum(axis=2)
         ahead = ahead + square[:, None] * following
-    if truths.M is not None and truths.T is not None:
-        square, time = truths.M**2, truths.T
-        covariance += square[:, None, None] * product(increments, _markov_within(increments, time))
-        # what a second leaves at the last fix decays with the time constant: one sum for all horizons
-        since = last - 1.0 - start
-        left = (time * -np.expm1(-1.0 / time) * np.exp(-since[:, None] / time))[:, :, None] * increments
-        to_come = time[:, None] * -np.expm1(-horizon_s / time[:, None])
-        mixed += square[:, None] * to_come * (effects * left.sum(axis=0)[:, None, :]).sum(axis=2)
-        ahead = ahead + square[:, None] * _markov_increment(horizon_s, time[:, None])
     return np.asarray(np.einsum("rhi,rij,rhj->rh", effects, covariance, effects) + 2.0 * mixed + ahead)
 
 
-def _markov_increment(length_s: Floats | float, time: Floats) -> Floats:
-    """Return the variance of an increment of Gauss–Markov noise of standard deviation 1; expm1: it cancels."""
-    x = length_s / time
-    return np.asarray(2.0 * time**2 * (x + np.expm1(-x)))
+def _with_memory(truths: ChannelTruths) -> Iterator[tuple[Floats, Autocovariance]]:
+    """Yield the strength (r,) of each noise with a memory, and the generalised autocovariance of its integral."""
+    yield truths.B, lambda lag: phase_autocovariance(lag)[1, None]
+    yield truths.K, lambda lag: phase_autocovariance(lag)[2, None]
+    if truths.M is not None and truths.T is not None:
+        times = truths.T
+        yield truths.M, lambda lag: markov_law.phase_autocovariance(lag, times.reshape(-1, *[1] * lag.ndim))
 
 
-def _markov_within(increments: Floats, time: Floats) -> Floats:
-    """Return the covariance of the increments between the fixes, of M = 1, times weights (n, r, m).
-
-    From one second to the next it falls by exp(-1 / T). So two sums with weights that decay, one over the seconds
-    before and one over those after, are all others.
-    """
-    same, decay = _markov_increment(1.0, time)[:, None], np.exp(-1.0 / time)[:, None]
-    next_one = (time * np.expm1(-1.0 / time))[:, None] ** 2
-    others = np.zeros_like(increments)
-    others[1:] = _decaying_sums(increments[:-1], decay)
-    others[:-1] += _decaying_sums(increments[:0:-1], decay)[::-1]
-    return np.asarray(same * increments + next_one * others)
+def _within(autocovariance: Autocovariance, increments: Floats) -> Floats:
+    """Return the covariance of the increments between the fixes times weights (r, n, m)."""
+    # it depends on the lag alone: the product is a circular convolution over twice as many seconds
+    by_lag = -np.diff(autocovariance(np.abs(np.arange(-1.0, FIXES + 1.0))), 2)
+    circle = np.concatenate((by_lag, np.zeros((len(by_lag), 1)), by_lag[:, :0:-1]), axis=1)
+    product = np.fft.rfft(circle)[:, :, None] * np.fft.rfft(increments, 2 * FIXES, axis=1)
+    return np.asarray(np.fft.irfft(product, 2 * FIXES, axis=1)[:, :FIXES])
 
 
-def _decaying_sums(values: Floats, decay: Floats) -> Floats:
-    """Return the sums over j <= k of decay^(k - j) values[j], of values (n, r, m) and decays (r, 1)."""
-    sums, length = values.copy(), 1
-    while length < len(sums):
-        # Each sum is over the last `length` values, so two that follow one another give one of twice the length.
-        sums[length:] += decay**length * sums[:-length]
-        length *= 2
-    return sums
-
-
-def _covariance(a: Floats | float, b: Floats, c: Floats | float, d: Floats, noise: int) -> Floats:
-    """Return the generalised covariance of the increments over [a, b] and [c, d], s, of B or K = 1.
-
-    Parameters
-    ----------
-    noise : row of `phase_autocovariance`.
-    """
-    near, far = phase_autocovariance(b - d)[noise], phase_autocovariance(np.asarray(a - c))[noise]
-    return np.asarray(near - phase_autocovariance(b - c)[noise] - phase_autocovariance(a - d)[noise] + far)
-
-
-@cache
-def _increments(noise: int) -> Floats:
-    """Return the covariance of the increments between the fixes, (FIXES, FIXES); 6 MB, kept for each noise."""
-    start = np.arange(float(FIXES))
-    return _covariance(start[:, None], start[:, None] + 1.0, start, start + 1.0, noise)
-
-
-@lru_cache(maxsize=16)
-def _beyond_the_fixes(noise: int, horizon_s: tuple[float, ...]) -> tuple[Floats, Floats]:
-    """Return the covariance of the increments between the fixes with what follows the last, and the variance of that.
-
-    Kept, because a search asks for the same horizons at each step.
+def _beyond_the_fixes(autocovariance: Autocovariance, horizon_s: Floats) -> tuple[Floats, Floats]:
+    """Return the covariance of what follows the last fix with the increments before, and the variance of the former.
 
     Returns
     -------
-    crossing : (FIXES, h)
-    following : (h,)
+    crossing : (r, h, FIXES), following : (r, h); the first axis is 1 where all channels have the same.
     """
-    start, last, ahead = np.arange(float(FIXES))[:, None], float(FIXES), np.array(horizon_s)
-    crossing = _covariance(start, start + 1.0, last, last + ahead, noise)
-    return crossing, _covariance(0.0 * ahead, ahead, 0.0, ahead, noise)
+    since = np.arange(float(FIXES), -1.0, -1.0)  # s from each fix to the last
+    to_horizon = autocovariance(since + horizon_s[:, None]) - autocovariance(since)[:, None]
+    return np.diff(to_horizon), 2.0 * (autocovariance(np.zeros(1)) - autocovariance(horizon_s))
