@@ -249,17 +249,17 @@ class FrameStatistics:
         usable : (k, PARTS, part) samples that may be assessed; None: all.
         origin : (c,) channel unit, near the level: sums of squares lose no digits to a large level.
         """
-        if usable is None:
-            return cls._of_whole(distance, origin)
         parts, part = distance.shape[2:]
         size = parts * part
-        count = usable.sum(axis=2)  # (k, PARTS)
+        count = np.full(distance.shape[1:3], part) if usable is None else usable.sum(axis=2)  # (k, PARTS)
         n = np.maximum(count.sum(axis=1), 1)
         filled = np.maximum((count > 0).sum(axis=1), 1)
-        sums = distance.sum(axis=3)
+        # a product with a vector adds along the last axis faster than `sum` does
+        sums = (distance.reshape(-1, part) @ np.ones(part)).reshape(distance.shape[:3])
         mean = sums.sum(axis=2) / n
         square = np.einsum("ckpm,ckpm->ck", distance, distance) / n
-        peak = (np.abs(distance - mean[:, :, None, None]) * usable).max(axis=(2, 3))
+        seen = distance if usable is None else np.where(usable, distance, mean[:, :, None, None])
+        peak = np.maximum(seen.max(axis=(2, 3)) - mean, mean - seen.min(axis=(2, 3)))
         # A part with few samples scatters more: weighted so that full parts give the plain deviation.
         means = sums / np.maximum(count, 1) - mean[:, :, None]
         weighted = np.einsum("ckp,kp->ck", means * means, count)
@@ -270,51 +270,15 @@ class FrameStatistics:
         # l r / (l + r) estimates s^2, and an empty part has no weight.
         left, right = count[:, :-1], count[:, 1:]
         weight = left * right / np.maximum(left + right, 1)
-        steps = means[:, :, 1:] - means[:, :, :-1]
-        squares = np.einsum("ckp,kp->ck", steps * steps, weight)
+        squares = np.einsum("ckp,kp->ck", np.diff(means) ** 2, weight)
         between = _mean_or_inf(squares, np.count_nonzero(weight, axis=1)) / size
+        # at 10 Hz and below, a part is one sample, and nothing is within it
         within = _mean_or_inf(variance * n - weighted, n - filled) / min(size, INDEPENDENT_SAMPLES)
-        return cls._assembled(
-            mean + origin[:, None],
-            (variance, spread, np.minimum(between, within)),
-            (peak, part_peak),
-            n >= LEAST_SHARE * size,
-        )
-
-    @classmethod
-    def _of_whole(cls, distance: Floats, origin: Floats) -> FrameStatistics:
-        """Return the statistics of frames without a missing sample: the usual case, several times as fast."""
-        c, k, parts, part = distance.shape
-        size, within = parts * part, np.inf
-        # A product with a vector adds along the last axis faster than `mean` does.
-        means = (distance.reshape(-1, part) @ np.full(part, 1.0 / part)).reshape(c, k, parts)
-        mean = means.mean(axis=2)
-        flat = distance.reshape(c, k, size)
-        square = np.einsum("ckf,ckf->ck", flat, flat) / size
-        peak = np.maximum(flat.max(axis=2) - mean, mean - flat.min(axis=2))
-        means -= mean[:, :, None]
-        spread = np.einsum("ckp,ckp->ck", means, means) / parts
-        variance = square - mean**2
-        steps = means[:, :, 1:] - means[:, :, :-1]
-        between = np.einsum("ckp,ckp->ck", steps, steps) * (0.5 / (parts * (parts - 1)))
-        if part > 1:  # at 10 Hz and below, a part is one sample, and nothing is within it
-            independent = min(size, INDEPENDENT_SAMPLES)
-            within = (variance - spread) * (part / ((part - 1) * independent))
-        return cls._assembled(
-            mean + origin[:, None],
-            (variance, spread, np.minimum(between, within)),
-            (peak, np.abs(means).max(axis=2)),
-            np.ones(k, dtype=bool),
-        )
-
-    @classmethod
-    def _assembled(
-        cls, mean: Floats, variances: tuple[Floats, ...], peaks: tuple[Floats, Floats], known: Bools
-    ) -> FrameStatistics:
-        """Return the figures (c, k) as rows of frames; `variances` are those of rms, part_rms and white."""
         # A variance is a difference of sums: rounding makes it less than zero where a channel is constant.
-        rms, part_rms, white = np.sqrt(np.maximum(np.stack(variances), 0.0))
-        return cls(mean.T, rms.T, part_rms.T, peaks[0].T, peaks[1].T, white.T, known)
+        variances = np.stack((variance, spread, np.minimum(between, within)))
+        rms, part_rms, white = np.sqrt(np.maximum(variances, 0.0))
+        level, known = mean + origin[:, None], n >= LEAST_SHARE * size
+        return cls(level.T, rms.T, part_rms.T, peak.T, part_peak.T, white.T, known)
 
 
 def _mean_or_inf(sums: Floats, counts: Ints) -> Floats:
