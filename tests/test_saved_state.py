@@ -25,7 +25,7 @@ from imumon.record import Record, RecordOptions
 
 RATE = 20.0
 STREAM = Stream("deltas", ("gyro/x", "gyro/y", "accel/x", "mag/x", "temperature"), "made", "startup")
-LAYOUT = "bb4de0b2"
+LAYOUT = "44688c64"
 """Digest of the names of all attributes that a state has. If it changes, so must `imumon.checkpoint.FORMAT`."""
 LAYOUT_FORMAT = 15
 

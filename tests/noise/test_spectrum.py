@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Callable
 
 import numpy as np
@@ -158,7 +159,7 @@ def test_sums_of_another_record_are_those_of_one_run_with_a_break() -> None:
     feed(one, values[90 * HOP :])
     feed(a, values[: 90 * HOP])
     feed(b, values[90 * HOP :])
-    untouched = a.copy()
+    untouched = copy.deepcopy(a)
     b.add_sums(a)
     for own, other in zip(b.sums(), one.sums(), strict=True):
         np.testing.assert_allclose(own.power, other.power, rtol=1e-12)

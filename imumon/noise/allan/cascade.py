@@ -30,7 +30,7 @@ import copy
 import math
 from collections.abc import Hashable, Sequence
 from dataclasses import replace
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -213,13 +213,9 @@ class OctaveCascade:
 
     def copy(self) -> OctaveCascade:
         """Return an independent cascade in the same state; from now on it is another record."""
-        other = copy.copy(self)
-        other.record = object()
-        other._stages = self._stages.copy()
-        other.spectrum, other.blocks, other.finer_blocks = self.spectrum.copy(), self.blocks.copy(), []
-        for name in ("_valid", "_offset", "_has_offset", "_pending", "_pending_valid"):
-            setattr(other, name, getattr(self, name).copy())
-        return other
+        # what is known of the parts of this record stays with it
+        beside: dict[int, Any] = {id(parts): [] for parts in (self.finer_blocks, self.spectrum.marks)}
+        return copy.deepcopy(self, beside)  # its identity is another object, too
 
     # --- blocks on the grid ---------------------------------------------------------------------------
 

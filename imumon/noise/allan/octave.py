@@ -38,7 +38,6 @@ and 0. Losses of one second at a time, 10 % in all, make flicker 4 % too high.
 
 from __future__ import annotations
 
-import copy
 import math
 from typing import ClassVar
 
@@ -100,13 +99,6 @@ class Octave:
         self.delay_line = np.zeros((groups.channels, self.lag))
         self.counts = np.full((len(groups), self.lag), BEFORE_SECTION)
         self._complete = False  # no sample is missing in the delay line
-
-    def copy(self) -> Octave:
-        """Return an independent octave in the same state."""
-        other = copy.copy(self)
-        for name in ("squares", "terms", "white_excess", "delay_line", "counts"):
-            setattr(other, name, getattr(self, name).copy())
-        return other
 
     def start_section(self) -> None:
         """Clear the delay line but keep the sums."""
@@ -275,13 +267,6 @@ class OctaveStages:
         terms = np.array([o.terms for o in octaves], dtype=np.int64).reshape(-1, len(self._groups))
         excess = np.array([o.white_excess for o in octaves], dtype=np.int64).reshape(-1, len(self._groups))
         return squares, terms[:, of], excess[:, of]
-
-    def copy(self) -> OctaveStages:
-        """Return independent stages in the same state."""
-        other = copy.copy(self)
-        other._octaves = [octave.copy() for octave in self._octaves]
-        other._buffers = [np.empty(0)] * 3  # shared ones would be overwritten by both
-        return other
 
     def _with_missing(
         self, octave: Octave, index: int, x: Floats, length: int, counts: Floats | None

@@ -155,7 +155,7 @@ class BlockAccumulator:
     def append(self, other: BlockAccumulator) -> None:
         """Append the blocks of another accumulator after a gap of unknown length; `other` is not changed."""
         self.break_()
-        other = other.copy()
+        other = copy.deepcopy(other)
         while self._length < other._length:  # both lengths are powers of two
             self._join()
         while other._length < self._length:
@@ -192,13 +192,6 @@ class BlockAccumulator:
         means = np.where(known, self._sums[:, :n].T / np.maximum(counts, 1.0), np.nan)
         share = np.where(known, share, 0.0)
         return BlockMeans(means, share, segment, self._length, self.interval_s, np.nan_to_num(self._offset))
-
-    def copy(self) -> BlockAccumulator:
-        """Return an independent accumulator in the same state."""
-        other = copy.copy(self)
-        other._sums, other._counts = self._sums.copy(), self._counts.copy()
-        other._segment = self._segment.copy()
-        return other
 
     def _add(self, x: Floats, valid: Floats | None, offset: Floats, done: int) -> None:
         """Add samples for which there is room, `done` of the update already.

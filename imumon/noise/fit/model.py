@@ -80,7 +80,6 @@ from imumon.noise.power_law import (
     sampled_density,
 )
 from imumon.noise.spectrum.expectation import (
-    bin_expectation,
     seen_by_bins,
     short_term_density,
     window_power,
@@ -196,10 +195,6 @@ class PowerLaw(NoiseTerm):
     def density(self, f: Floats, *, averaged: bool) -> Floats:
         """Return (k,) the density of the samples."""
         return np.asarray(sampled_density(f, averaged=averaged)[self.exponent])
-
-    def bin_expectation(self, level: int, *, averaged: bool, window: int) -> Floats:
-        """Return (n,) the density of each bin in use of a level."""
-        return np.asarray(bin_expectation(level, averaged=averaged, window=window)[self.exponent])
 
     def cosine_variances(self, count: int, length: int) -> Floats:
         """Return (count - 1,) the variances of the cosine coefficients."""

@@ -1,6 +1,6 @@
-"""Expectation and degrees of freedom of Welch sums for white noise, flicker and random walk.
+"""Expectation and degrees of freedom of Welch sums of noise with a given density.
 
-The density of the samples is that of `power_law`. Behind the half-band filters of a level it has the filters' power
+Behind the half-band filters of a level it has the filters' power
 response, and a bin sees it through the power of the Hann window. Images of the decimation are 59 dB down and count as
 nothing.
 
@@ -8,7 +8,7 @@ Model of a bin k of level s, with the density S of the samples, the filters' res
 
     E[P_k] = sum over d of S(f) |H_s(f)|^2 |W(d)|^2 / sum |W|^2,    f = (k + d) / 256 / 2^s
 
->>> bin_expectation(0, averaged=False)[0, :2].round(6).tolist()  # white noise of N = 1 is 1 in every bin
+>>> seen_by_bins(np.ones_like, 0)[:2].round(6).tolist()  # white noise of N = 1 is 1 in every bin
 [1.0, 1.0]
 
 The mean over the bins of a band and over the segments is a sum of correlated squares. Its degrees of freedom are
@@ -24,7 +24,6 @@ from functools import lru_cache
 import numpy as np
 
 from imumon.model.samples import Floats, Ints
-from imumon.noise.power_law import sampled_density
 from imumon.noise.spectrum.half_band import TAPS
 from imumon.noise.spectrum.level_sums import (
     BINS,
@@ -76,31 +75,17 @@ def _bin_nodes(level: int) -> tuple[Floats, Floats, Floats]:
 
 
 def seen_by_bins(density: Callable[[Floats], Floats], level: int, window: int = 1) -> Floats:
-    """Return (..., n) the expectation of the density of each bin in use.
+    """Return (n,) the expectation of the density of each bin in use.
 
     The density is that of level 0: the squared transform over the power of the window, times 2^level.
 
     Parameters
     ----------
-    density : returns (..., k) the densities of the samples at (k,) frequencies, cycles per sample.
+    density : returns (k,) the density of the samples at (k,) frequencies, cycles per sample.
     window : samples of a moving average in the sensor; 1: none.
     """
     f, response, lobe = _bin_nodes(level)
-    values = density(f.ravel())
-    return np.asarray(
-        values.reshape(*values.shape[:-1], *f.shape) * response * window_power(f, window) @ lobe
-    )
-
-
-@lru_cache(maxsize=128)
-def bin_expectation(level: int, *, averaged: bool, window: int = 1) -> Floats:
-    """Return (3, n) what each bin in use expects of N = B = K = 1 in units of tau0; see `seen_by_bins`.
-
-    Parameters
-    ----------
-    averaged : the samples are true averages over their interval, else point samples.
-    """
-    return seen_by_bins(lambda f: sampled_density(f, averaged=averaged), level, window)
+    return np.asarray(density(f.ravel()).reshape(f.shape) * response * window_power(f, window) @ lobe)
 
 
 @lru_cache(maxsize=1)

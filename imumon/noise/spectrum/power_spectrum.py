@@ -80,7 +80,6 @@ def displayed(sums: list[tuple[Floats, Ints]], rate_hz: float, channels: int) ->
         empty, none, white = np.zeros((0, channels)), ((),) * channels, np.full(channels, np.nan)
         return PowerSpectrum(np.zeros(0), empty, empty.astype(np.int64), none, none, (), white)
     frequency, density, averages = [], [], []
-    lines: list[list[SpectralLine]] = [[] for _ in range(channels)]
     bands: list[list[NarrowBand]] = [[] for _ in range(channels)]
     masks: list[Bools] = []
     # (channel unit)^2/Hz: beside a strong line a channel without noise has rounding only, where any bin may be a peak
@@ -95,15 +94,18 @@ def displayed(sums: list[tuple[Floats, Ints]], rate_hz: float, channels: int) ->
             above_rounding = np.maximum(power[i], rounding[i])
             level_bands, inside[i] = find_narrow_bands(above_rounding, int(count[i]), rate, range(low, high))
             bands[i] += level_bands
-            prominent = (band for band in level_bands if band.prominence > PROMINENCE)
-            lines[i] += [band.line(rate_hz, rate / SEGMENT) for band in prominent]
         masks.insert(0, inside)
+    of_channels = [distinct(of_levels) for of_levels in bands]
+    lines = (
+        [band.line(rate_hz) for band in of_channel if band.prominence > PROMINENCE]
+        for of_channel in of_channels
+    )
     return PowerSpectrum(
         frequency_hz=np.concatenate(frequency),
         density=np.concatenate(density),
         averages=np.concatenate(averages),
-        lines=tuple(distinct(of_channel, lambda line: line.amplitude) for of_channel in lines),
-        bands=tuple(distinct(of_channel, lambda band: band.power) for of_channel in bands),
+        lines=tuple(tuple(sorted(of_channel, key=lambda line: -line.amplitude)) for of_channel in lines),
+        bands=tuple(of_channels),
         masks=tuple(masks),
         white=np.array([_white(p, int(k)) for p, k in zip(*levels[0][1:], strict=True)]),
     )

@@ -25,9 +25,7 @@ not depend on how a density is measured.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Protocol, TypeVar
 
 import numpy as np
 from scipy.special import gammainccinv, gammaincinv
@@ -102,6 +100,7 @@ class NarrowBand:
     power : (channel unit)^2, variance of the samples that it makes: a^2/2 of a sinusoid of amplitude a.
     peak_hz, peak_power : the same of its highest bin and those that the lobe of the window fills beside it.
     prominence : 1, its highest bin over the density beside it.
+    resolution_hz : Hz, width of a bin.
     """
 
     frequency_hz: float
@@ -110,22 +109,12 @@ class NarrowBand:
     peak_hz: float
     peak_power: float
     prominence: float
+    resolution_hz: float
 
-    def line(self, sampling: float, resolution: float) -> SpectralLine:
-        """Return its peak as a line of a signal with a sampling rate, Hz, seen in bins of a width, Hz."""
-        aliases, name = mains(self.peak_hz, sampling, resolution)
+    def line(self, sampling: float) -> SpectralLine:
+        """Return its peak as a line of a signal with a sampling rate, Hz."""
+        aliases, name = mains(self.peak_hz, sampling, self.resolution_hz)
         return SpectralLine(self.peak_hz, math.sqrt(2.0 * self.peak_power), aliases, name)
-
-
-class HasFrequency(Protocol):
-    """A line or a narrow band."""
-
-    @property
-    def frequency_hz(self) -> float:
-        """Hz."""
-
-
-T = TypeVar("T", bound=HasFrequency)
 
 
 def median_to_mean(averages: int) -> float:
@@ -199,7 +188,7 @@ def _band(group: np.ndarray, power: Floats, level: Floats, df: float, bins: rang
     high_power = float(weights[core].sum())
     peak = float(weights[core] @ group[core]) / high_power
     prominence = float((power[group] / level[group]).max())
-    return NarrowBand(frequency * df, width * df, size, peak * df, high_power * df, prominence)
+    return NarrowBand(frequency * df, width * df, size, peak * df, high_power * df, prominence, df)
 
 
 def _side_levels(power: Floats) -> Floats:
@@ -218,13 +207,13 @@ def _side_levels(power: Floats) -> Floats:
     return np.stack((median[:BINS], median[right : right + BINS]))
 
 
-def distinct(candidates: list[T], strength: Callable[[T], float]) -> tuple[T, ...]:
-    """Return lines or bands of different frequencies, strongest first: once, not once from each of two levels."""
-    out: list[T] = []
-    for line in sorted(candidates, key=strength, reverse=True):
+def distinct(bands: list[NarrowBand]) -> tuple[NarrowBand, ...]:
+    """Return bands of different frequencies, strongest first: once, not once from each of two levels."""
+    out: list[NarrowBand] = []
+    for band in sorted(bands, key=lambda band: band.power, reverse=True):
         # two levels see a line at frequencies that differ by up to 3 %
-        if all(abs(line.frequency_hz - other.frequency_hz) > 0.03 * line.frequency_hz for other in out):
-            out.append(line)
+        if all(abs(band.frequency_hz - other.frequency_hz) > 0.03 * band.frequency_hz for other in out):
+            out.append(band)
     return tuple(out)
 
 

@@ -49,8 +49,8 @@ when the last segment that begins before it has been added (`stretches.parts`).
 
 from __future__ import annotations
 
-import copy
 from collections.abc import Sequence
+from itertools import pairwise
 
 import numpy as np
 
@@ -118,6 +118,10 @@ class SpectrumAccumulator:
     ----------
     groups : (c,) group of each channel, 0 ... g-1; the channels of a group share their validity.
     rate_hz : Hz, sampling rate.
+
+    Attributes
+    ----------
+    marks : places at which parts of the record begin or end.
     """
 
     def __init__(self, groups: Sequence[int], rate_hz: float) -> None:
@@ -125,7 +129,7 @@ class SpectrumAccumulator:
         self._g = int(self._groups.max()) + 1 if len(groups) else 0
         self._rate = rate_hz
         self._levels: list[Level] = []
-        self._marks: list[SpectrumMark] = []
+        self.marks: list[SpectrumMark] = []
 
     def update(self, x: Floats, valid: Floats | None = None) -> None:
         """Add consecutive samples.
@@ -150,7 +154,7 @@ class SpectrumAccumulator:
 
     def break_(self) -> None:
         """Note a gap of unknown length: no segment spans it."""
-        for mark in self._marks:  # no later segment begins before them
+        for mark in self.marks:  # no later segment begins before them
             self._keep_sums(mark, range(LEVELS))
         for level in self._levels:
             level.clear()
@@ -173,17 +177,6 @@ class SpectrumAccumulator:
         sums = [(level.power, level.averages[self._groups]) for level in self._levels]
         return displayed(sums, self._rate, len(self._groups))
 
-    def copy(self) -> SpectrumAccumulator:
-        """Return an independent accumulator in the same state, without marks."""
-        other = copy.copy(self)
-        other._marks, other._levels = [], []
-        for level in self._levels:
-            new = copy.copy(level)
-            for name in LevelSums.__slots__:
-                setattr(new, name, getattr(level, name).copy())
-            other._levels.append(new)  # `last` and `half` are replaced, never changed: both may hold the same
-        return other
-
     def add_sums(self, other: SpectrumAccumulator) -> None:
         """Add the sums of another accumulator of the same groups, whose samples lie before a break."""
         while len(self._levels) < len(other._levels):
@@ -200,12 +193,12 @@ class SpectrumAccumulator:
         mark = SpectrumMark(0 if first is None else first.hops * HOP)
         if not mark.start:
             self._keep_sums(mark, range(LEVELS))  # no segment begins before it
-        self._marks.append(mark)
+        self.marks.append(mark)
         return mark
 
     def drop_mark(self, mark: SpectrumMark) -> None:
         """Forget a mark that is no longer needed."""
-        self._marks = [other for other in self._marks if other is not mark]
+        self.marks = [other for other in self.marks if other is not mark]
 
     def sums_between(self, begin: SpectrumMark, end: SpectrumMark | None = None) -> list[LevelSums]:
         """Return the sums of each level by sub-band over the segments that begin between two marks; None: now."""
@@ -262,30 +255,20 @@ class SpectrumAccumulator:
         if level.last is not None:
             x, share = _joined([(level.last, level.last_share), (x, share)], self._g)
         count = x.shape[1] // HOP - 1
-        due = [mark for mark in self._marks if s not in mark.sums]
-        # number, among those at hand, of the first segment that begins at the mark or later
-        begins = {mark: -(-mark.start // (HOP << s)) - first for mark in due}
-        done = 0
-        for mark in sorted(due, key=lambda mark: begins[mark]):
-            begin = begins[mark]
-            if begin >= count:
-                break
-            if begin > done:
-                self._add(s, x[:, done * HOP : (begin + 1) * HOP], _of_hops(share, done, begin + 1))
-                done = begin
-            self._keep_sums(mark, range(s, s + 1))
-        if count > done:
-            self._add(s, x[:, done * HOP :], _of_hops(share, done, count + 1))
+        # number, among those at hand, of the first segment that begins at each mark or later
+        begins = [
+            (max(-(-mark.start // (HOP << s)) - first, 0), mark) for mark in self.marks if s not in mark.sums
+        ]
+        cuts = {*range(0, count, TOGETHER), *(begin for begin, _ in begins if begin < count), max(count, 0)}
+        for begin, end in pairwise(sorted(cuts)):
+            for place, mark in begins:
+                if place == begin:
+                    self._keep_sums(mark, range(s, s + 1))
+            hops_at_hand = slice(begin * HOP, (end + 1) * HOP)
+            self._add(s, x[:, hops_at_hand], None if share is None else share[:, hops_at_hand])
 
     def _add(self, s: int, x: Floats, share: Floats | None) -> None:
         """Add the half-overlapped segments of some hops, (c, n HOP), to level s."""
-        count = x.shape[1] // HOP - 1
-        for first in range(0, count, TOGETHER):
-            end = min(first + TOGETHER, count) + 1
-            self._add_together(s, x[:, first * HOP : end * HOP], _of_hops(share, first, end))
-
-    def _add_together(self, s: int, x: Floats, share: Floats | None) -> None:
-        """Add the segments of at most `TOGETHER` hops and one more."""
         level = self._levels[s]
         hops = x.reshape(len(x), -1, HOP)
         segments = np.concatenate((hops[:, :-1], hops[:, 1:]), axis=2)
@@ -398,11 +381,6 @@ def _windowed_squares(segments: Floats, out: Floats) -> None:
     parts = np.fft.rfft(segments * HANN, axis=2).view(np.float64)
     parts *= parts
     np.add(parts[:, :, ::2], parts[:, :, 1::2], out=out)
-
-
-def _of_hops(share: Floats | None, begin: int, end: int) -> Floats | None:
-    """Return the shares of some hops."""
-    return None if share is None else share[:, begin * HOP : end * HOP]
 
 
 def _joined(pieces: Sequence[tuple[Floats, Floats | None]], groups: int) -> tuple[Floats, Floats | None]:
