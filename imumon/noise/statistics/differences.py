@@ -94,32 +94,23 @@ class DifferenceAccumulator:
         """Add samples (n, c), channel unit, of which those with `valid` (n, g) count; None: all."""
         if not len(values) or not len(self._groups):
             return
-        n, before = len(values), len(self._last)
-        place = np.arange(self._index, self._index + n)
-        rows = np.flatnonzero((place < DENSE) | (place % PERIOD < BURST))
-        if not before and len(rows) and rows[0] == 0:  # the first sample of all, or after a gap
-            rows = rows[1:]
-        if len(rows):
-            later, earlier = values[rows].T, values[rows - 1].T
-            if rows[0] == 0:  # its neighbour came with the samples before; row -1 is the last one of these
-                earlier[:, 0] = self._last[0]
-            if valid is None and self._last_valid.all():
-                self._add(np.arange(len(later)), later - earlier)
-            else:
-                g = self._last_valid.shape[1]
-                ok = np.ones((n, g), dtype=bool) if valid is None else valid
-                both = ok[rows] & ok[rows - 1]
-                if rows[0] == 0:
-                    both[0] = ok[0] & self._last_valid[0]
-                for group in np.flatnonzero(both.any(axis=0)).tolist():
-                    channels = np.flatnonzero(self._groups == group)
-                    # only these: one that is not valid may be infinite, and the difference of two has no value
-                    usable = np.ix_(channels, both[:, group])
-                    self._add(channels, later[usable] - earlier[usable])
-        self._index += n
-        self._last = values[-1:].copy()
-        newest = np.ones((1, self._last_valid.shape[1]), dtype=bool) if valid is None else valid[-1:].copy()
-        self._last_valid = newest
+        place = np.arange(self._index, self._index + len(values))
+        later = np.flatnonzero((place < DENSE) | (place % PERIOD < BURST))
+        self._index += len(values)
+        ok = np.ones((len(values), self._last_valid.shape[1]), dtype=bool) if valid is None else valid
+        if (
+            later.size
+        ):  # each with the one before it; at the beginning and after a gap, the first one has none
+            x, present = np.concatenate((self._last, values)), np.concatenate((self._last_valid, ok))
+            later = later + len(self._last)
+            later = later[later > 0]
+            both = present[later] & present[later - 1]
+            for group in np.flatnonzero(both.any(axis=0)).tolist():
+                channels = np.flatnonzero(self._groups == group)
+                # only these: one that is not valid may be infinite, and the difference of two has no value
+                rows = later[both[:, group]]
+                self._add(channels, (x[np.ix_(rows, channels)] - x[np.ix_(rows - 1, channels)]).T)
+        self._last, self._last_valid = values[-1:].copy(), ok[-1:].copy()
 
     def break_(self) -> None:
         """Note a gap: no difference spans it."""

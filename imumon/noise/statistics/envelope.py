@@ -75,7 +75,9 @@ class Envelope:
         self.column = max(1, round(COLUMN_S * rate_hz))
         self._n = 0  # samples on the grid
         self._offset = np.full(c, np.nan)  # near the values, so that sums lose no digits
-        self._minute = np.full((RECENT_COLUMNS, 2, c), np.nan)  # ring by column number: low, high
+        self._minute = np.full(
+            (RECENT_COLUMNS, 2, c), np.nan
+        )  # ring by column number: low, and high with its sign changed
         self._sums = np.zeros((RECENT_COLUMNS, 3, c))  # count, sum, sum of squares, about the offset
         self._hour = np.full((RECENT_COLUMNS, 2, c), np.nan)
         self._all = np.full((2 * RECENT_COLUMNS, 2, c), np.nan)
@@ -98,10 +100,9 @@ class Envelope:
         bounds[0], bounds[-1] = 0, n
         edges = bounds[:-1]
         extremes, sums = np.empty((len(edges), 2, len(x))), np.empty((len(edges), 3, len(x)))
-        low = x if ok is None else np.where(ok, x, np.inf)
-        np.minimum.reduceat(low, edges, axis=1, out=extremes[:, 0].T)
-        high = x if ok is None else np.where(ok, x, -np.inf)
-        np.maximum.reduceat(high, edges, axis=1, out=extremes[:, 1].T)
+        for side, signed in enumerate((x, -x)):
+            seen = signed if ok is None else np.where(ok, signed, np.inf)
+            np.minimum.reduceat(seen, edges, axis=1, out=extremes[:, side].T)
         extremes[np.isinf(extremes)] = np.nan  # no valid sample in the column
         d = x - self._offset[:, None]
         if ok is not None:
@@ -114,47 +115,36 @@ class Envelope:
         np.add.reduceat(d, edges, axis=1, out=sums[:, 2].T)
         new = -(-self._n // self.column)  # first column that begins in this block
         self._n += n
-        if first == last < new:  # nearly every block of a live stream lies within one column
-            self._widen_newest(first, extremes[0])
-            self._sums[first % RECENT_COLUMNS] += sums[0]
-            return
-        self._join_columns(last)
-        _widen(self._minute, first, last, new, extremes)
-        kept = max(first, last + 1 - RECENT_COLUMNS)  # a long block overwrites its own first columns
-        self._sums[_places(max(kept, new), last, RECENT_COLUMNS)] = 0.0
-        self._sums[_places(kept, last, RECENT_COLUMNS)] += sums[kept - first :]
-        for ring, wide in ((self._hour, HOUR_COLUMN), (self._all, self._wide)):
-            begin, end = first // wide, last // wide
-            _widen(ring, begin, end, -(-new // wide), _coarser(extremes, wide, first, end - begin + 1))
+        self._add(np.arange(first, last + 1), new, extremes, sums)
 
     def skip(self, n: int) -> None:
         """Note that `n` samples are missing."""
         first, last = -(-self._n // self.column), (self._n + n - 1) // self.column
         self._n += n
-        if last < first:
-            return
-        self._join_columns(last)
-        numbers = np.arange(max(first, last + 1 - RECENT_COLUMNS), last + 1)
-        self._minute[numbers % RECENT_COLUMNS] = np.nan
-        self._sums[numbers % RECENT_COLUMNS] = 0.0
-        first, last = -(-first // HOUR_COLUMN), last // HOUR_COLUMN
-        hours = np.arange(max(first, last + 1 - RECENT_COLUMNS), last + 1)
-        self._hour[hours % RECENT_COLUMNS] = np.nan
+        if last >= first:
+            # of a long gap, the last hour
+            columns = np.arange(max(first, last + 1 - RECENT_COLUMNS * HOUR_COLUMN), last + 1)
+            c = len(self._groups)
+            self._add(columns, first, np.full((len(columns), 2, c), np.nan), np.zeros((len(columns), 3, c)))
 
-    def _widen_newest(self, number: int, extremes: Floats) -> None:
-        """Add (2, c) extremes to column `number` of the minute, and to those that it belongs to."""
-        for ring, wide in ((self._minute, 1), (self._hour, HOUR_COLUMN), (self._all, self._wide)):
-            low, high = ring[number // wide % len(ring)]
-            np.fmin(low, extremes[0], out=low)
-            np.fmax(high, extremes[1], out=high)
+    def _add(self, columns: Ints, new: int, extremes: Floats, sums: Floats) -> None:
+        """Add extremes (k, 2, c) and sums (k, 3, c) to columns (k,) of the minute; those from `new` on begin."""
+        self._join_columns(int(columns[-1]))
+        rings = (self._minute, 1), (self._hour, HOUR_COLUMN), (self._all, self._wide), (self._sums, 1)
+        for ring, wide in rings:
+            numbers, empty = columns // wide, 0.0 if ring is self._sums else np.nan
+            kept = numbers > numbers[-1] - len(ring)  # a long block overwrites its own first columns
+            ring[numbers[kept & (numbers >= -(-new // wide))] % len(ring)] = empty
+            places = numbers[kept] % len(ring)
+            if ring is self._sums:
+                ring[places] += sums[kept]
+            else:
+                np.fmin.at(ring, places, extremes[kept])
 
     def _join_columns(self, last: int) -> None:
         """Double the columns of everything until column `last` of the minute fits."""
         while last // self._wide >= 2 * RECENT_COLUMNS:
-            pairs = self._all.reshape(RECENT_COLUMNS, 2, 2, -1)
-            half = np.stack(
-                (np.fmin(*pairs[:, :, 0].swapaxes(0, 1)), np.fmax(*pairs[:, :, 1].swapaxes(0, 1))), 1
-            )
+            half = np.fmin(self._all[::2], self._all[1::2])
             self._all = np.concatenate((half, np.full_like(half, np.nan)))
             self._wide *= 2
 
@@ -175,7 +165,7 @@ class Envelope:
         numbers = np.arange(max(0, end - len(ring)), end)
         rows = ring[numbers % len(ring)]
         width = self.column * wide
-        return EnvelopeColumns(int(numbers[0]) * width if len(numbers) else 0, width, rows[:, 0], rows[:, 1])
+        return EnvelopeColumns(int(numbers[0]) * width if len(numbers) else 0, width, rows[:, 0], -rows[:, 1])
 
     def recent(self) -> RecentStatistics:
         """Return mean and standard deviation over the last minute."""
@@ -184,30 +174,3 @@ class Envelope:
             mean = total / count
             variance = np.where(count > 1, (square - count * mean**2) / (count - 1), np.nan)
         return RecentStatistics(count, mean + self._offset, np.sqrt(np.maximum(variance, 0.0)))
-
-
-def _coarser(extremes: Floats, wide: int, first: int, k: int) -> Floats:
-    """Return (k, 2, c) extremes of columns that are `wide` times as long; `extremes` begin at `first`."""
-    edges = np.arange(first // wide, first // wide + k) * wide - first
-    edges[0] = 0
-    out = np.empty((k, *extremes.shape[1:]))
-    np.fmin.reduceat(extremes[:, 0], edges, axis=0, out=out[:, 0])
-    np.fmax.reduceat(extremes[:, 1], edges, axis=0, out=out[:, 1])
-    return out
-
-
-def _widen(ring: Floats, first: int, last: int, new: int, extremes: Floats) -> None:
-    """Add (k, 2, c) extremes to columns `first` to `last` of a ring; from `new` on, they replace old ones."""
-    kept = max(first, last + 1 - len(ring))
-    ring[_places(max(kept, new), last, len(ring))] = np.nan
-    columns = _places(kept, last, len(ring))
-    rows, added = ring[columns], extremes[kept - first :]
-    np.fmin(rows[:, 0], added[:, 0], out=rows[:, 0])
-    np.fmax(rows[:, 1], added[:, 1], out=rows[:, 1])
-    ring[columns] = rows  # a copy if the columns wrap
-
-
-def _places(first: int, last: int, size: int) -> slice | Ints:
-    """Return the places of columns in a ring of that size: contiguous unless it wraps among them."""
-    begin, k = first % size, last + 1 - first
-    return slice(begin, begin + k) if begin + k <= size else np.arange(first, last + 1) % size

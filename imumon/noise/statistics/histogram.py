@@ -134,38 +134,21 @@ class HistogramAccumulator:
                 # the finest lattice on which places are exact integers in a float
                 finest = math.frexp(max(abs(low[i]), abs(high[i]), 1e-30))[1] - PRECISE_BITS
                 self._exponent[c] = 0 if self._step[c] else finest
-                self._low[c] = math.floor(math.ldexp(low[i], -int(self._exponent[c])))
-            while True:
-                e = int(self._exponent[c])
-                first, last = math.floor(math.ldexp(low[i], -e)), math.floor(math.ldexp(high[i], -e))
-                used = np.flatnonzero(self._counts[c])
-                if len(used):
-                    first = min(first, int(self._low[c] + used[0]))
-                    last = max(last, int(self._low[c] + used[-1]))
-                if last - first < HISTOGRAM_BINS:
-                    self._place(c, first, last)
-                    break
-                self._merge(c)
-
-    def _place(self, c: int, first: int, last: int) -> None:
-        """Shift the bins of a channel so that lattice numbers first ... last are among them."""
-        if self._low[c] <= first and last < self._low[c] + HISTOGRAM_BINS:
-            return
-        low = first - (HISTOGRAM_BINS - 1 - (last - first)) // 2
-        moved = np.zeros(HISTOGRAM_BINS, dtype=np.int64)
-        used = np.flatnonzero(self._counts[c])
-        moved[used + int(self._low[c]) - low] = self._counts[c, used]
-        self._counts[c], self._low[c] = moved, low
-
-    def _merge(self, c: int) -> None:
-        """Halve the resolution of a channel: pairs on the lattice become one bin."""
-        used = np.flatnonzero(self._counts[c])
-        numbers = (used + int(self._low[c])) >> 1
-        self._exponent[c] += 1
-        low = int(numbers[0]) if len(numbers) else int(self._low[c]) >> 1
-        merged = np.zeros(HISTOGRAM_BINS, dtype=np.int64)
-        np.add.at(merged, numbers - low, self._counts[c, used])
-        self._counts[c], self._low[c] = merged, low
+            exponent, used = int(self._exponent[c]), np.flatnonzero(self._counts[c])
+            numbers, counts = used + self._low[c], self._counts[c, used]
+            ends = [math.floor(math.ldexp(value, -exponent)) for value in (low[i], high[i])]
+            ends += numbers.tolist()
+            first, last = min(ends), max(ends)
+            merges = 0  # of pairs of bins on the lattice, until all of them fit
+            while (last >> merges) - (first >> merges) >= HISTOGRAM_BINS:
+                merges += 1
+            first, last = first >> merges, last >> merges
+            self._exponent[c], self._low[c] = (
+                exponent + merges,
+                first - (HISTOGRAM_BINS - 1 - (last - first)) // 2,
+            )
+            self._counts[c] = 0
+            np.add.at(self._counts[c], (numbers >> merges) - self._low[c], counts)
 
     def result(self) -> list[DistributionShape | None]:
         """Return the shape of each channel; None without samples."""
