@@ -2,7 +2,7 @@
 
 from imumon.noise.fit.bias_curve import BiasFit
 from imumon.noise.fit.curve_statement import read_slopes
-from imumon.noise.fit.estimator import Estimator, fit_curve, settling_times_s
+from imumon.noise.fit.estimator import Estimator, fit_curve
 from imumon.noise.fit.statement import ChannelFit, RegressorEstimate, StepEstimate
 
 __all__ = [
@@ -13,5 +13,4 @@ __all__ = [
     "StepEstimate",
     "fit_curve",
     "read_slopes",
-    "settling_times_s",
 ]

@@ -31,7 +31,7 @@ Example: half a minute of white noise.
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Iterator, Sequence
+from collections.abc import Hashable, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -46,7 +46,6 @@ from imumon.noise.fit.curve_statement import with_curve
 from imumon.noise.fit.normal_equations import LEAST_VARIANCE
 from imumon.noise.fit.observations import BlockSeries, block_series
 from imumon.noise.fit.search import ModelChoice, ModelSearch
-from imumon.noise.fit.slow_terms import SlowTermSearch
 from imumon.noise.fit.statement import (
     TOO_SHORT,
     ChannelFit,
@@ -283,21 +282,6 @@ class Estimator:
             return Pending(model)
         precision = {letter: self.precision[letter] for letter in NOISE} if self._time_to else None
         return state_model(sums, channel, model, kurtosis, precision, step, counted=counted)
-
-
-def settling_times_s(blocks: BlockMeans) -> Iterator[float]:
-    """Yield the time constants of the channels that settle along an exponential, s.
-
-    They are those of a fit: the slow terms are the first thing that it searches, in the block means alone. What
-    follows the temperature of a warm-up is a part of the warm-up here. With the temperature as a regressor, no
-    exponential would be left to find.
-    """
-    for channel in range(blocks.means.shape[1]):
-        series = _noisy_series(blocks, channel, None)
-        if not isinstance(series, Pending):
-            terms = SlowTermSearch(series, None).result()
-            settling = (regressor for regressor in terms.regressors if regressor.name == "settling")
-            yield from (regressor.place * series.length * blocks.interval_s for regressor in settling)
 
 
 def _noisy_series(blocks: BlockMeans, channel: int, degrees: Floats | None) -> BlockSeries | Pending:

@@ -25,7 +25,7 @@ from imumon.model.samples import Bools, Floats
 from imumon.model.saved_state import restorable
 from imumon.noise.allan import AllanCurve
 from imumon.noise.detection import GuardedSamples
-from imumon.noise.fit import Estimator, settling_times_s
+from imumon.noise.fit import Estimator
 from imumon.noise.noise_sums import NoiseSums
 from imumon.noise.statistics.differences import DifferenceAccumulator
 from imumon.noise.statistics.extreme_values import ExtremeVisits
@@ -258,10 +258,7 @@ class Sums:
     def _decide(self, candidate: int) -> None:
         """Decide whether a warm-up ended at a candidate."""
         length_s = (candidate - self._start) * self._interval
-        blocks = self._parts.blocks(self._start).select(list(self.warmup_channels))
-        if has_settled(settling_times_s(blocks), length_s) and has_settled(
-            self._settling_times_s(), length_s
-        ):
+        if has_settled(self._settling_times_s(), length_s):
             self._start = candidate
             self._quarters.discard_before(candidate)
             self.warmup_s = self._warmup_length_s()
@@ -269,16 +266,17 @@ class Sums:
             self._changes = {}  # those of an hour against hours that are excluded now
 
     def _settling_times_s(self) -> list[float]:
-        """Return the time constants of the channels that settle, s, by the fit of their whole spectrum.
+        """Return the time constants of the channels that settle along an exponential, s.
 
-        The block means alone do not distinguish a settling from a line or a hum. Beside one, an exponential may be its
-        beginning: a line never ends a warm-up.
+        What follows the temperature of a warm-up is a part of the warm-up here: with the temperature as a regressor, no
+        exponential would be left. Beside a line or a hum, an exponential may be its beginning: a line never ends a
+        warm-up.
         """
         sums = replace(self._without_temperature(self._parts.sums(self._start)), degrees=None)
         estimator = Estimator(averaged=self._averaged, time_to=False)
         fits = estimator.fit_sums(sums, self.position - self._start, channels=self.warmup_channels)
-        columns = [fit.regressor("settling") for fit in fits if not (fit.oscillations_s or fit.hump_hz)]
-        return [column.time_constant_s for column in columns if column and column.time_constant_s is not None]
+        settling = [fit.regressor("settling") for fit in fits if not (fit.oscillations_s or fit.hump_hz)]
+        return [one.time_constant_s for one in settling if one and one.time_constant_s is not None]
 
     def _warmup_length_s(self) -> float:
         """Return the length of the valid samples before the end of the warm-up, s."""

@@ -54,8 +54,8 @@ def has_settled(time_constants_s: Iterable[float], candidate_s: float) -> bool:
 
 def still_settles(fits: Iterable[ChannelFit], length_s: float) -> bool:
     """Return whether some channel settles along an exponential that is not over after a record of this length, s."""
-    columns = [fit.regressor("settling") for fit in fits]
-    times_s = [column.time_constant_s for column in columns if column is not None]
+    settling = [fit.regressor("settling") for fit in fits]
+    times_s = [one.time_constant_s for one in settling if one is not None]
     return any(time_s is not None and time_s > STILL * length_s for time_s in times_s)
 
 
