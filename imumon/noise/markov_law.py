@@ -79,7 +79,7 @@ def allan_variances(m: Ints, time: float, *, averaged: bool) -> Floats:
     return np.asarray((1.0 - a * zero / one) / clusters + a / one * of_averages)
 
 
-def phase_autocovariance(lag: Floats, time: float) -> Floats:
+def phase_autocovariance(lag: Floats, time: float | Floats) -> Floats:
     """Return (...) the generalised autocovariance of the integral at lags, without terms that differences remove.
 
     The variance of the integral over -2, plus t^2 / 2: second differences remove a constant and a square.

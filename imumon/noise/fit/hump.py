@@ -218,10 +218,8 @@ def band_left_out(
 def _beside_markov(bands: Bands, markov: Sequence[NoiseTerm], error: float) -> float:
     """Return the deviance of all bands beside the likeliest Gauss–Markov noise; infinity: there is none."""
     every = np.ones((1, bands.power.size), dtype=bool)
-    by_kind: dict[str, list[float]] = {term.letter: [] for term in markov}
-    for term in markov:
-        by_kind[term.letter].append(float(_deviances(bands, every, (*NOISE_TERMS, term), error)[0][0]))
-    return min(map(_least, by_kind.values()), default=np.inf)
+    deviances = (_deviances(bands, every, (*NOISE_TERMS, term), error)[0][0] for term in markov)
+    return float(min(deviances, default=np.inf))
 
 
 def _ranges(number: int) -> Ints:
@@ -231,15 +229,6 @@ def _ranges(number: int) -> Ints:
         (begin, end) for begin in range(last) for end in range(begin + 1, min(last, begin + number // 2) + 1)
     ]
     return np.array(ranges, dtype=np.int64).reshape(-1, 2)
-
-
-def _least(deviances: Sequence[float]) -> float:
-    """Return the least deviance of Gauss–Markov noise over its time constant, by a parabola through three of them."""
-    best = int(np.argmin(deviances))
-    if not 0 < best < len(deviances) - 1:
-        return deviances[best]
-    before, least, after = deviances[best - 1 : best + 2]
-    return least - 0.125 * (after - before) ** 2 / max(before - 2.0 * least + after, 1e-9)
 
 
 def _explained(deviance: float, dof: int, least: float) -> bool:

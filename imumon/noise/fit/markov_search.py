@@ -149,48 +149,33 @@ class Peaks:
         return np.array([term.time for term in self.terms])
 
 
-def peaks(likelihood: Likelihood, surface: Surface, terms: Sequence[TimedTerm]) -> Peaks:
+def peaks(
+    likelihood: Likelihood,
+    surface: Surface,
+    terms: Sequence[TimedTerm],
+    absent: NoiseTerm | None = None,
+) -> Peaks:
     """Return the likeliest models with Gauss–Markov noise of some time constants.
 
     Parameters
     ----------
     likelihood : with expectations of the terms.
     surface : without the terms.
+    absent : a term of the surface in whose place they are: it is zero.
     """
     terms = tuple(terms)
-    others = [*likelihood.scored, *surface.grids]
+    others = [term for term in (*likelihood.scored, *surface.grids) if term != absent]
     squares = likelihood.as_squares(surface)
-    likeliest = [surface.powers[term] for term in others]
     model = total(surface.powers, lambda term: squares.expected[term])
     # it begins with a tenth of the noise, where it shows most
     begins = 0.1 * min(float((model / squares.expected[term]).min()) for term in terms)
-    # the first model has no such term: all gains are against it, found in the same way
-    start = np.tile([*likeliest, begins], (len(terms) + 1, 1))
-    logs, powers = _likeliest(likelihood, surface, squares, others, (None, *terms), model, start)
+    # the first model has no such term: all gains are against it, in the same way
+    start = np.tile([*(surface.powers[term] for term in others), begins], (len(terms) + 1, 1))
+    logs, powers = _likeliest(likelihood, surface, squares, others, (None, *terms), model, start, absent)
     # scoring may have ended at another maximum than the grid without the term
     without = max(float(logs[0]), float(surface.log.max()))
     by_term = {term: powers[1:, i] for i, term in enumerate(others)}
     return Peaks(terms, logs[1:] - without, by_term, powers[1:, -1])
-
-
-def gain_instead(
-    likelihood: Likelihood, surface: Surface, terms: Sequence[NoiseTerm], absent: NoiseTerm
-) -> float:
-    """Return the gain in log likelihood by one of some terms in the place of another term, which is then zero.
-
-    Parameters
-    ----------
-    likelihood, terms : see `peaks`.
-    surface : with the other term, and without these.
-    """
-    others = [term for term in (*likelihood.scored, *surface.grids) if term != absent]
-    squares = likelihood.as_squares(surface)
-    model = total(surface.powers, lambda term: squares.expected[term])
-    # the other term leaves its power where it shows most: there the first one in its place has as much
-    most = [float((model / squares.expected[term]).min()) for term in terms]
-    start = np.column_stack((np.tile([surface.powers[term] for term in others], (len(terms), 1)), most))
-    logs, _ = _likeliest(likelihood, surface, squares, others, terms, model, start, absent)
-    return float(logs.max() - surface.log.max())
 
 
 def _likeliest(
@@ -201,7 +186,7 @@ def _likeliest(
     terms: Sequence[NoiseTerm | None],
     model: Floats,
     start: Floats,
-    absent: NoiseTerm | None = None,
+    absent: NoiseTerm | None,
 ) -> tuple[Floats, Floats]:
     """Return (m,) the log likelihoods of m models, and (m, p) their likeliest powers, by Fisher's scoring.
 
@@ -211,7 +196,7 @@ def _likeliest(
     terms : the last term of each; None: it has none.
     model : (r,) expectation of each square, by which the least power of a term is known.
     start : (m, p) first values.
-    absent : a term of the likelihood that is zero.
+    absent : a term of the likelihood that is zero; None: there is none.
     """
     units = np.zeros((len(terms), len(others) + 1, model.size))
     units[:, :-1] = [squares.expected[term] for term in others]
@@ -349,12 +334,9 @@ def markov_surface(observed: Observed, surface: Surface, samples: float, coarse:
     } | {
         center: np.linspace(0.0, 2.0 * sigma, MARKOV_GRID),
     }
-    # first the grid of the likeliest time constant alone, which is nearly that of all, then of the ends beside it
+    # first the grid of the likeliest time constant alone, which is nearly that of all
     first = finer_likelihood.at_values_of(surface, grids)
     grids = {term: near(first, term, MARKOV_GRID) for term in grids}
-    ends = [terms[0], terms[len(terms) // 2], terms[-1]]
-    wider = _summed(_of_each(likelihood, surface, ends, center, grids), ends, grids)
-    grids = {term: near(wider, term, MARKOV_GRID) for term in grids}
     for _ in range(MOST_MOVES):
         parts = _of_each(likelihood, surface, terms, center, grids)
         total = _summed(parts, terms, grids)

@@ -597,9 +597,9 @@ class ModelSearch:
         surface = self._fit(upper_end, error)[1]
         letters = list(dict.fromkeys(tried.letter for tried in self._tried_markov))
         gains = {
-            term: markov_search.gain_instead(likelihood, surface, self._tried_markov, term) for term in shown
+            term: markov_search.peaks(likelihood, surface, self._tried_markov, term).gains for term in shown
         }
-        return {term: letters for term, gain in gains.items() if gain > INSTEAD_GAIN}
+        return {term: letters for term, gain in gains.items() if gain.max() > INSTEAD_GAIN}
 
     def _with_markov_peak(self, upper_end: UpperEnd, peaks: Peaks) -> tuple[Likelihood, Surface]:
         """Return likelihood and surface with the likeliest Gauss–Markov noise, whose power is fixed."""
