@@ -186,7 +186,8 @@ class ReplayedRecord:
             self._filter.assumption(self._driver),
         )
         settings = {**self.device.settings, "filter": f"{given}; {assumed}" if assumed else given}
-        remark = f"{option_text(filter=self._filter.text)}: {assumed}; give window and rate, such as 8@1000"
+        advice = "give window and rate, such as 8@1000; 1@1000 averages nothing"
+        remark = f"{option_text(filter=self._filter.text)}: {assumed}; {advice}"
         return replace(self.device, alias_factor=factor, settings=settings), (remark,) if assumed else ()
 
     def _note(self, event: Event) -> None:

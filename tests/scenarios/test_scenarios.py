@@ -8,6 +8,7 @@ import shutil
 import signal
 import socket
 import subprocess
+import sys
 import tempfile
 import time
 from collections.abc import Callable
@@ -242,6 +243,20 @@ def test_09_disk_is_full_and_has_room_again(tmp_path: Path, size: str, records: 
         play.end(before, after, code=int(records))  # 1: the recording has ended before the record
         assert play.said.count("the state cannot be saved") == 1
         assert play.said.count(" error: recording to ") == int(records)
+
+
+@mounts
+@pytest.mark.parametrize("output", ["--state DIR", "--record DIR/raw.bin"])
+def test_a_directory_that_is_read_only_is_refused_at_the_start(tmp_path: Path, output: str) -> None:
+    """Root may write everything, but not there."""
+    place = tmp_path / "read-only"
+    mounted = within('mount -t tmpfs none "$0" && mount -o remount,ro "$0"', place)
+    words = output.replace("DIR", str(place)).split()
+    command = (*mounted, sys.executable, "-m", "imumon", "run", "--port", "sim", "--duration", "60", *words)
+    done = subprocess.run(command, capture_output=True, text=True, timeout=50, check=False)
+    assert done.returncode == 1, done.stderr
+    assert f"{place} cannot be written" in done.stderr
+    assert len(done.stderr.splitlines()) == 1, done.stderr
 
 
 # ---------------------------------------- faults of the history

@@ -42,8 +42,8 @@ def check_place(path: str) -> None:
     elif os.path.isdir(path):
         code, why = "is_directory", "that is a directory"
         cure = f"name a file in it, such as {os.path.join(path, 'run.bin')}"
-    elif not os.access(place, os.W_OK) and not os.statvfs(directory).f_flag & os.ST_RDONLY:
-        code, why, cure = "no_permission", f"no permission to write {place}", "give another --record"
+    elif not os.access(place, os.W_OK):
+        code, why, cure = "no_permission", f"{place} cannot be written", "give another --record"
     else:
         return
     raise RecordingError(code, f"cannot record to {path}: {why}", cure)
