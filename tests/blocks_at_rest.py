@@ -6,7 +6,9 @@ from datetime import UTC, datetime
 
 import numpy as np
 
+from imumon.model.report import DeviceDescription, Report, SessionCounters, State
 from imumon.model.samples import ACCEL, GYRO, SampleBlock, Stream
+from imumon.record import Record
 
 NOW = datetime(2026, 1, 2, tzinfo=UTC)
 TICK = 10_000_000
@@ -21,3 +23,8 @@ def block(n: int, start: int = 0, seed: int = 1, stream: Stream = DELTAS) -> Sam
     values = LEVEL + SIGMA * rng.normal(size=(n, 6))
     time = (np.arange(n) + start) * TICK if stream.clock == "startup" else None
     return SampleBlock(stream, values, time, np.zeros(n, dtype=np.int64))
+
+
+def report_of(record: Record, state: State = "running", id: str = "x") -> Report:
+    """Return the report of a record whose device says nothing of itself."""
+    return record.report(NOW, DeviceDescription(id=id), state, SessionCounters())

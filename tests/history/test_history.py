@@ -490,16 +490,19 @@ def test_scatter_of_any_kind_makes_few_changes(correlation: float) -> None:
     assert changed <= 15  # one of a hundred by chance: 15 have a probability of 1e-4
 
 
+def opened(directory: Path) -> History:
+    """Return a history that has read what its file has."""
+    history = History(directory, "imu", keep_days=400)
+    until(lambda: history._power_ups is not None)
+    return history
+
+
 def test_a_change_is_reported_once_also_after_a_restart(tmp_path: Path) -> None:
     now = time.time()
     begin = now - 31 * DAY
     write(tmp_path, "imu", days(30, begin=begin, step_at=27))
     for expected in (len(NAMES), 0):
-        history = History(tmp_path, "imu", keep_days=400)
-        end = time.monotonic() + 60
-        while history._power_ups is None:
-            assert time.monotonic() < end
-            time.sleep(0.01)
+        history = opened(tmp_path)
         found = history.new_changes()
         assert len(found) == expected
         assert history.new_changes() == []
@@ -564,11 +567,7 @@ def test_the_repeatability_has_limits_after_five_power_ups() -> None:
 def test_power_ups_are_in_the_file(tmp_path: Path) -> None:
     now = time.time()
     for number, bias in enumerate((0.1, 0.2)):
-        history = History(tmp_path, "imu", keep_days=400)
-        end = time.monotonic() + 60
-        while history._power_ups is None:
-            assert time.monotonic() < end
-            time.sleep(0.01)
+        history = opened(tmp_path)
         history.clock(9000.0 - number, now)
         history.add([period(number, mean=bias, complete=True).period], "r", now)
         history.close()

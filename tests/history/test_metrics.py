@@ -108,9 +108,3 @@ def test_promtool_finds_nothing_wrong(text: str) -> None:
         ["promtool", "check", "rules", str(DOCS / "alerts.yml")], capture_output=True, text=True, check=False
     )
     assert rules.returncode == 0, rules.stderr
-
-
-# ---------------------------------------- metrics of a daemon, as Prometheus reads them
-
-
-# ---------------------------------------- a real `imumon metrics` in a process of its own, for tests

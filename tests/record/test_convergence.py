@@ -5,11 +5,11 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from blocks_at_rest import DELTAS, NOW
+from blocks_at_rest import DELTAS, report_of
 from blocks_at_rest import block as six_axes
 
 from imumon.model.coefficients import Estimate
-from imumon.model.report import DeviceDescription, Report, SessionCounters, State, from_json
+from imumon.model.report import Report, from_json
 from imumon.model.report_json import to_json
 from imumon.model.samples import SampleBlock, selected
 from imumon.model.units import YEAR
@@ -26,10 +26,6 @@ def block(n: int, start: int = 0) -> SampleBlock:
     """Return samples of two axes: each axis more costs as much as all else."""
     whole = six_axes(n, start)
     return replace(whole, stream=replace(DELTAS, channels=("gyro/x", "gyro/y")), values=whole.values[:, :2])
-
-
-def report(monitor: Record, state: State = "running") -> Report:
-    return monitor.report(NOW, DeviceDescription(id="x"), state, SessionCounters())
 
 
 def fed(samples: SampleBlock, chunk: int, monitor: Record | None = None) -> Record:
@@ -58,16 +54,16 @@ def test_the_points_are_bounded_and_each_is_the_last_one_of_its_cell() -> None:
 
 def test_the_last_point_is_what_is_stated_now() -> None:
     monitor = fed(block(30 * RATE), 777)
-    report(monitor)
+    report_of(monitor)
     fed(block(20 * RATE, 30 * RATE), 777, monitor)
     for state in ("running", "stopped"):
-        for channel in report(monitor, state).channels.values():  # type: ignore[arg-type]
+        for channel in report_of(monitor, state).channels.values():  # type: ignore[arg-type]
             for letter, series in channel.convergence.coefficients.items():
                 now = channel.estimates[letter]
                 last = (series.value[-1], series.low[-1], series.high[-1], series.status[-1])
                 assert last == (now.value, now.low, now.high, now.status)
     assert channel.convergence.elapsed_s == (30.0, 50.0)
-    current = report(monitor)
+    current = report_of(monitor)
     assert from_json(Report, to_json(current)) == current
 
 
@@ -76,7 +72,7 @@ def test_a_record_for_a_document_has_a_point_at_each_doubling_for_any_chunking()
     one, other = (fed(samples, chunk, Record(WITH_CONVERGENCE)) for chunk in (97, 50_000))
     for monitor in (one, other):
         monitor.flush()
-    first, second = report(one, "stopped"), report(other, "stopped")
+    first, second = report_of(one, "stopped"), report_of(other, "stopped")
     part = first.channels["gyro/x"].convergence
     assert part.elapsed_s == (60.0, 120.0, 150.0)
     for name, channel in first.channels.items():

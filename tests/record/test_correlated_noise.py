@@ -19,7 +19,7 @@ from imumon.model.coefficients import (
     MarkovEstimate,
     by_letter,
 )
-from imumon.model.filter_report import DEFAULT_HORIZON_S
+from imumon.model.filter_report import DEFAULT_HORIZON_S, FilterChannel
 from imumon.model.report import Report
 from imumon.model.samples import GYRO
 from imumon.noise import markov_law, synthesise
@@ -71,20 +71,6 @@ def test_a_report_has_what_shows_and_bounds_what_is_not_separable(report: Report
     assert all((open_.estimates[letter].high or 0.0) > 0.0 for letter in "BKM")
     assert (open_.M.sigma.high or 0.0) > 0.6e-4
     assert "T" not in open_.estimates
-
-
-@pytest.mark.few
-@pytest.mark.parametrize("make", [reports.correlated, reports.report, reports.long_report])
-def test_the_shares_add_up_to_the_drawn_model(make: object) -> None:
-    drawn = 0
-    for channel in make().channels.values():  # type: ignore[operator]
-        if channel.model is None or channel.allan is None:
-            continue
-        variances = np.sum(list(channel.model.shares.values()), axis=0)
-        assert variances == pytest.approx(np.square(channel.allan.model), rel=1e-5)
-        assert {"N", "B", "K"} <= set(channel.model.shares) <= {*"NBKMQ", "filter", "lines", "columns"}
-        drawn += 1
-    assert drawn
 
 
 # ---------------------------------------------------------------------- where people and programs see it
@@ -209,6 +195,12 @@ def test_an_unknown_coefficient_gives_no_numbers() -> None:
     assert filters.channels == {}
 
 
+def check_consistent(channel: FilterChannel) -> None:
+    assert max(channel.nees.white_walk) <= MOST_NEES
+    assert min(channel.nees.gauss_markov) >= 1.0 / MOST_NEES
+    assert max(channel.nees.gauss_markov) <= MOST_NEES
+
+
 def test_every_axis_of_gyroscope_and_accelerometer_has_consistent_numbers() -> None:
     report = make_report(LONG_S)
     filters = filter_report(report, 600.0)
@@ -217,10 +209,7 @@ def test_every_axis_of_gyroscope_and_accelerometer_has_consistent_numbers() -> N
         assert channel.white == channel.white_gm == channel.assumed.N
         assert channel.walk_gm == channel.assumed.K
         assert channel.walk > 0.0
-        assert max(channel.nees.white_walk) <= MOST_NEES
-        assert (
-            1.0 / MOST_NEES <= min(channel.nees.gauss_markov) <= max(channel.nees.gauss_markov) <= MOST_NEES
-        )
+        check_consistent(channel)
         assert len(channel.gauss_markov) <= 5 + (channel.markov is not None)
         assert channel.nees.horizon_s == channel.std.horizon_s
         assert channel.nees.horizon_s[-1] == 600.0
@@ -242,10 +231,7 @@ def test_correlated_noise_is_a_state_of_the_filter() -> None:
     assert {"bounded_B", "bounded_K", "bounded_M"} <= set(open_.caveats)
     assert flicker.markov is None
     for channel in filters.values():
-        assert max(channel.nees.white_walk) <= MOST_NEES
-        assert (
-            1.0 / MOST_NEES <= min(channel.nees.gauss_markov) <= max(channel.nees.gauss_markov) <= MOST_NEES
-        )
+        check_consistent(channel)
 
 
 # ---------------------------------------------------------------- another program

@@ -10,10 +10,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from blocks_at_rest import DELTAS, NOW, TICK, block
+from blocks_at_rest import DELTAS, NOW, TICK, block, report_of
 
 from imumon.grid.sample_clock import BREAK
-from imumon.model.report import DeviceDescription, SessionCounters
 from imumon.model.samples import ACCEL, GYRO, Floats, Ints, SampleBlock, Stream
 from imumon.model.saved_state import pack, unpack
 from imumon.record import Record, RecordOptions
@@ -245,7 +244,7 @@ def test_the_monitor_reports_loss_with_its_level_and_time() -> None:
     values, time, lost = whole.values[there], whole.time_ns[there], whole.lost[there]
     monitor.feed(SampleBlock(DELTAS, values, time, lost))
     monitor.flush()
-    report = monitor.report(NOW, DeviceDescription(id="x"), "running", SessionCounters())
+    report = report_of(monitor)
     assert report.session.recent_loss == pytest.approx(0.2, abs=0.02)
     (event,) = [event for event in monitor.events() if event.kind == "loss"]
     assert 30.0 < event.elapsed_s < 40.0  # a twentieth of a minute is lost in 15 s
@@ -254,7 +253,7 @@ def test_the_monitor_reports_loss_with_its_level_and_time() -> None:
     monitor.feed(
         SampleBlock(DELTAS, block(100).values, (np.arange(100) + 372_000) * TICK, np.zeros(100, np.int64))
     )
-    after = monitor.report(NOW, DeviceDescription(id="x"), "running", SessionCounters()).session
+    after = report_of(monitor).session
     assert after.missing > 300_000
     assert after.recent_loss == 0.0
 

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from datetime import UTC, datetime
-
 import numpy as np
 import pytest
+from blocks_at_rest import report_of
 
 import imumon
 from imumon.documents.summary import summary_text
 from imumon.model.messages import caveat_lines
-from imumon.model.report import DeviceDescription, Report, SessionCounters
 from imumon.model.samples import ACCEL, GYRO, Bools, Floats, SampleBlock, Stream
 from imumon.noise.detection import Guard
 from imumon.record import Record
@@ -25,9 +23,9 @@ def quiet(n: int, seed: int = 1) -> Floats:
     return np.asarray(SIGMA * np.random.default_rng(seed).standard_normal((n, 6)))
 
 
-def guarded(values: Floats, sensors: tuple[str, ...] = SENSORS) -> tuple[Guard, Bools]:
+def guarded(values: Floats, sensors: tuple[str, ...] = SENSORS, rate: float = RATE) -> tuple[Guard, Bools]:
     """Return the guard and (n, g) the samples that remain valid."""
-    guard = Guard(sensors, RATE)
+    guard = Guard(sensors, rate)
     items = [item for at in range(0, len(values), 5000) for item in guard.update(values[at : at + 5000])]
     return guard, np.concatenate([item.valid for item in items + guard.flush()])
 
@@ -72,9 +70,8 @@ def test_a_burst_is_excluded_with_what_is_not_far_in_it() -> None:
         rows = slice(begin, begin + int(rng.integers(4, 20)))
         added[rows] = True
         values[rows] += 5.0 * SIGMA[:3] * rng.standard_normal(values[rows].shape)
-    guard = Guard(SENSORS[:3], rate)
-    items = [item for at in range(0, len(values), 5000) for item in guard.update(values[at : at + 5000])]
-    valid = np.concatenate([item.valid for item in items + guard.flush()])[:, 0]
+    guard, valid = guarded(values, SENSORS[:3], rate)
+    valid = valid[:, 0]
     excess = np.square(values[added] / SIGMA[:3]) - 1.0
     assert excess[valid[added]].sum() < 0.03 * excess.sum()
     assert guard.at_rest
@@ -150,8 +147,7 @@ def test_the_report_gives_the_size_of_what_outliers_add() -> None:
     values = contaminated(60_000, 0.05, [0])
     monitor.feed(SampleBlock(stream, values, None, np.zeros(len(values), dtype=np.int64)))
     monitor.flush()
-    now = datetime(2026, 1, 1, tzinfo=UTC)
-    report = monitor.report(now, DeviceDescription(id="x"), "stopped", SessionCounters())
+    report = report_of(monitor)
     assert "outliers" in report.channels["gyro/x"].caveats
     assert "outliers" not in report.channels["gyro/y"].caveats
     robust = report.channels["gyro/x"].robust
@@ -170,50 +166,27 @@ def test_a_clipped_axis_is_named_with_its_range_and_its_sensor_has_no_grade() ->
     assert "y is clipped at -0.0008 and 0.0008 rad/s" in (report.grade["gyro"].reason or "")
 
 
-# ---------------------------------------- a record that is mostly excluded says why, and what to try
-
-
-RATE = 100.0
-ROWS = 12_000
-
-
-def record(gyro: Floats | float = 0.0) -> Floats:
-    """Return (n, 6) noise of a quiet sensor, with an addition to the gyroscope."""
-    noise = np.random.default_rng(1).standard_normal((ROWS, 6)) * ([1e-3] * 3 + [1e-2] * 3)
-    noise[:, :3] += gyro
-    return np.asarray(noise + np.array([0.0, 0.0, 0.0, 0.0, 0.0, -9.8]))
-
-
-def report(values: Floats, saturated: Bools | None = None) -> Report:
-    monitor, n = Record(), len(values)
-    stream = Stream("deltas", GYRO + ACCEL, "table", "startup")
-    time_ns = np.arange(n) * round(1e9 / RATE)
-    monitor.feed(SampleBlock(stream, values, time_ns, np.zeros(n, dtype=np.int64), saturated=saturated))
+@pytest.mark.parametrize(
+    ("kind", "says"),
+    [
+        ("degrees", "100 % excluded as motion: keep it still, or check its unit (deg/s?)"),
+        ("knocks", "% excluded as knock: put it where nothing touches it"),
+        ("clipped", "excluded as clipped: "),
+    ],
+)
+def test_a_record_that_is_mostly_excluded_says_why_and_what_to_try(kind: str, says: str) -> None:
+    """Noise of 0.06 deg/s and a bias of 0.66 deg/s read as rad/s, knock after knock, and an exceeded range."""
+    values, row = quiet(12_000) * 2.5 - np.array([0.0, 0.0, 0.0, 0.0, 0.0, 9.8]), np.arange(12_000)
+    if kind == "degrees":
+        values[:, :3] = np.degrees(values[:, :3] + np.array([0.005, -0.01, 0.003]))
+    elif kind == "knocks":
+        values[:, :3] += np.where(row % 250 < 20, 0.1, 0.0)[:, None]
+    monitor, stream = Record(), Stream("deltas", GYRO + ACCEL, "table", "startup")
+    flags, lost = (row % 150 < 10 if kind == "clipped" else None), np.zeros(len(row), dtype=np.int64)
+    monitor.feed(SampleBlock(stream, values, row * round(1e9 / RATE), lost, saturated=flags))
     monitor.flush()
-    device, now = DeviceDescription(id="x"), datetime(2026, 1, 2, tzinfo=UTC)
-    return monitor.report(now, device, "stopped", SessionCounters())
-
-
-def reasons(current: Report) -> set[str | None]:
-    """Return why each sensor has no grade."""
-    assert all(grade.meets is None for grade in current.grade.values())
-    return {grade.reason for grade in current.grade.values()}
-
-
-def test_a_table_in_degrees_names_motion_and_the_unit() -> None:
-    """Noise of 0.06 deg/s and a bias of 0.66 deg/s, read as rad/s."""
-    current = report(record(np.degrees(record()[:, :3] + np.array([0.005, -0.01, 0.003]))))
-    (reason,) = reasons(current)
-    assert reason == "100 % excluded as motion: keep it still, or check its unit (deg/s?)"
-    assert "not_at_rest" in current.caveats
-
-
-def test_knock_after_knock() -> None:
-    knocks = np.where(np.arange(ROWS) % 250 < 20, 0.1, 0.0)
-    (reason,) = reasons(report(record(knocks[:, None])))
-    assert reason.endswith("% excluded as knock: put it where nothing touches it")
-
-
-def test_a_range_that_is_exceeded() -> None:
-    (reason,) = reasons(report(record(), np.arange(ROWS) % 150 < 10))
-    assert "excluded as clipped: " in reason
+    report = report_of(monitor)
+    assert all(grade.meets is None for grade in report.grade.values())
+    (reason,) = {grade.reason for grade in report.grade.values()}
+    assert says in reason
+    assert ("not_at_rest" in report.caveats) == (kind == "degrees")

@@ -5,27 +5,22 @@ from __future__ import annotations
 import gc
 import tracemalloc
 from dataclasses import replace
-from datetime import UTC, datetime
 
 import numpy as np
 import pytest
-from blocks_at_rest import DELTAS, LEVEL, NOW, SIGMA, TICK, block
+from blocks_at_rest import DELTAS, LEVEL, SIGMA, TICK, block, report_of
 from hypothesis import given
 from hypothesis import strategies as st
 from placed import PlacedRecord
 
 from imumon.grid.sample_clock import BREAK, PlacedSamples
 from imumon.model.errors import RateRequired
-from imumon.model.report import DeviceDescription, Report, SensorGrade, SessionCounters
+from imumon.model.report import Report, SensorGrade
 from imumon.model.samples import ACCEL, GYRO, MAG, Clock, SampleBlock, Stream
 from imumon.noise.fit import fit_curve
 from imumon.record import Record, RecordOptions
 from imumon.record.events import EventLog
 from imumon.record.gap_fill import LONG_GAP, Break, DenseBlock, LongGap, fill_gaps
-
-
-def report(monitor: Record) -> Report:
-    return monitor.report(NOW, DeviceDescription(id="x"), "running", SessionCounters())
 
 
 def fed(*parts: SampleBlock, rate_hz: float | None = None) -> tuple[Record, Report]:
@@ -34,7 +29,7 @@ def fed(*parts: SampleBlock, rate_hz: float | None = None) -> tuple[Record, Repo
     for part in parts:
         monitor.feed(part)
     monitor.flush()
-    return monitor, report(monitor)
+    return monitor, report_of(monitor)
 
 
 def of_gyroscope(part: SampleBlock) -> SampleBlock:
@@ -46,7 +41,7 @@ def test_n_is_known_early_and_no_fit_is_older_than_five_seconds_and_two_per_cent
     monitor, at, known, oldest = Record(), 0.0, None, 0.0
     for second in range(80):
         monitor.feed(of_gyroscope(block(100, start=100 * second)))
-        n = report(monitor).channels["gyro/x"].coefficients["N"]
+        n = report_of(monitor).channels["gyro/x"].coefficients["N"]
         if n != known:
             at, known = second, n
         if second == 2:
@@ -54,7 +49,7 @@ def test_n_is_known_early_and_no_fit_is_older_than_five_seconds_and_two_per_cent
         assert second - at <= min(0.1 * second, 5.0 + 0.02 * second) + 1.0
         oldest = max(oldest, second - at)
     assert oldest >= 5.0  # it is not computed for every report
-    stopped = monitor.report(NOW, DeviceDescription(id="x"), "stopped", SessionCounters())
+    stopped = report_of(monitor, "stopped")
     assert stopped.channels["gyro/x"].coefficients["N"] is not known  # the last report includes everything
 
 
@@ -65,7 +60,7 @@ def test_memory_does_not_grow_with_the_record() -> None:
     try:
         for fives in range(9):
             monitor.feed(block(n, fives * n, seed=fives))
-            report(monitor)
+            report_of(monitor)
             gc.collect()
             held.append(tracemalloc.get_traced_memory()[0])
     finally:
@@ -153,7 +148,7 @@ def test_a_gap_has_a_known_length_if_another_stream_resumes_first() -> None:
     monitor.feed(other, host_s=7200.0)
     monitor.feed(block(5000, 5000 + 40 * 7200), host_s=0.1)
     monitor.flush()
-    assert report(monitor).session.missing == 40 * 7200
+    assert report_of(monitor).session.missing == 40 * 7200
 
 
 def test_saved_record_of_another_stream_is_refused() -> None:
@@ -178,7 +173,7 @@ def warmed(minutes: tuple[int, ...], time_s: float, follows: float = 0.0) -> tup
         values = np.column_stack((inertial, 30.0 - 8.0 * cold + 0.02 * rng.normal(size=600)))
         monitor.feed(SampleBlock(stream, values, at * 10 * TICK, np.zeros(600, dtype=np.int64)))
         if minute + 1 in minutes:
-            reports.append(report(monitor))
+            reports.append(report_of(monitor))
     return monitor, reports
 
 
@@ -245,12 +240,12 @@ def test_a_constant_axis_is_a_caveat_and_its_sensor_has_no_grade() -> None:
 def test_changes_against_a_baseline_are_reported() -> None:
     old = Record()
     old.feed(block(60_000))
-    saved = report(old)
+    saved = report_of(old)
     new = Record(RecordOptions(baseline=saved))
     part = block(60_000, seed=9)
     part.values[:, 1] = LEVEL[1] + 1.4 * (part.values[:, 1] - LEVEL[1])
     new.feed(part)
-    current = report(new)
+    current = report_of(new)
     changes = current.channels["gyro/y"].changes
     assert [c.quantity for c in changes if c.against == "baseline"][:1] == ["N"]
     assert changes[0].ratio == pytest.approx(1.4, rel=0.03)
@@ -268,7 +263,7 @@ def test_another_rate_starts_a_new_record() -> None:
     assert monitor.feed(at_rate(2000, TICK)) is None
     mismatch = monitor.feed(at_rate(4000, TICK // 2, 2000 * TICK)) or monitor.flush()
     monitor.flush()
-    current = report(monitor)
+    current = report_of(monitor)
     assert current.device.sample_rate_hz == pytest.approx(200.0)
     assert current.session.duplicates == 0
     assert current.session.samples + current.session.missing == round(current.session.elapsed_s * 200.0)
@@ -285,7 +280,7 @@ def test_a_magnetometer_beside_increments_is_a_point_sample() -> None:
     values = np.repeat(walk[:, None], 6, axis=1)
     monitor = Record(RecordOptions(guarded=False), rate_hz=1e9 / TICK)
     monitor.feed(SampleBlock(stream, values, np.arange(n) * TICK, np.zeros(n, dtype=np.int64)))
-    channels = report(monitor).channels
+    channels = report_of(monitor).channels
     gyro, mag = channels["gyro/x"], channels["mag/x"]
     assert gyro.allan.sigma == pytest.approx(mag.allan.sigma)
     # point samples of a walk have 1.5 times the variance of averages at the shortest time
@@ -352,7 +347,7 @@ SAMPLES = 3000
 INTERVAL_NS = 10_000_000
 
 
-def report_of(values: np.ndarray, clock: Clock, block: int = 50) -> tuple[Report, list[str]]:
+def reported(values: np.ndarray, clock: Clock, block: int = 50) -> tuple[Report, list[str]]:
     stream = Stream("uncompensated", (*GYRO, *ACCEL, "temperature"), "test", clock)
     monitor = Record(rate_hz=100.0)
     for at in range(0, len(values), block):
@@ -360,7 +355,7 @@ def report_of(values: np.ndarray, clock: Clock, block: int = 50) -> tuple[Report
         time = (at + np.arange(len(some))) * INTERVAL_NS if clock == "startup" else None
         monitor.feed(SampleBlock(stream, some, time, np.zeros(len(some), np.int64)))
     monitor.flush()
-    made = monitor.report(datetime.now(UTC), DeviceDescription(id="x"), "stopped", SessionCounters())
+    made = report_of(monitor, "stopped")
     return made, [event.kind for event in monitor.events()]
 
 
@@ -377,7 +372,7 @@ def test_a_sample_without_a_number_is_missing(clock: Clock, bad: float, block: i
     values = noise()
     bad_rows = np.array([50, 51, 52, 99, 149, 1000, 2345])
     values[bad_rows, [0, 1, 2, 3, 4, 5, 0]] = bad
-    made, kinds = report_of(values, clock, block)
+    made, kinds = reported(values, clock, block)
     assert made.session.samples == SAMPLES - len(bad_rows)
     assert made.session.missing == len(bad_rows)
     assert made.session.excluded_by == {}
@@ -390,7 +385,7 @@ def test_a_sample_without_a_number_is_missing(clock: Clock, bad: float, block: i
 def test_a_temperature_without_a_number_is_unknown_there(rows: slice) -> None:
     values = noise()
     values[rows, 6] = np.nan
-    made, kinds = report_of(values, "startup")
+    made, kinds = reported(values, "startup")
     temperature = made.channels["temperature"]
     known = np.isfinite(values[:, 6])
     assert temperature.count == known.sum()
