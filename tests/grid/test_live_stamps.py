@@ -234,11 +234,17 @@ def even_stamps(count: int = 1000) -> Ints:
     return np.arange(count, dtype=np.int64) * STEP
 
 
-def test_stamps_in_time_are_used_as_they_are() -> None:
-    stamps = even_stamps() + np.random.default_rng(1).integers(-STEP // 10, STEP // 10, 1000)
-    np.testing.assert_array_equal(placed(stamps), stamps)
-    gaps = np.delete(even_stamps(), [100, 200, 201, *range(300, 700)])
-    np.testing.assert_array_equal(placed(gaps), gaps)
+def test_stamps_that_are_not_late_are_used_as_they_are() -> None:
+    """In time, with gaps, single wrong ones, and another rate."""
+    even, shake = even_stamps(), np.random.default_rng(1).integers(-STEP // 10, STEP // 10, 1000)
+    wrong = (4_000_000_000 * 10**9, 800 * STEP, 0, -(10**18))
+    for stamps in (
+        even + shake,
+        np.delete(even, [100, 200, 201, *range(300, 700)]),
+        *(np.where(np.arange(1000) == 500, stamp, even) for stamp in wrong),
+        *(np.append(even, even[-1] + np.arange(1, 1001) * step) for step in (2 * STEP, STEP // 2)),
+    ):
+        np.testing.assert_array_equal(placed(stamps), stamps)
 
 
 @pytest.mark.few
@@ -263,20 +269,6 @@ def test_a_known_loss_explains_a_long_step_at_once() -> None:
     assert len(late.place(stamps[:60], lost[:60])) == 60
     unknown = LateStamps(STEP)
     assert len(unknown.place(stamps[:60], 0 * lost[:60])) == 50
-
-
-@pytest.mark.few
-@pytest.mark.parametrize("wrong", [4_000_000_000 * 10**9, 800 * STEP, 0, -(10**18)])
-def test_a_wrong_stamp_is_not_a_late_one(wrong: int) -> None:
-    stamps = even_stamps()
-    stamps[500] = wrong
-    np.testing.assert_array_equal(placed(stamps), stamps)
-
-
-def test_another_rate_is_no_delay() -> None:
-    for step in (2 * STEP, STEP // 2):
-        stamps = np.concatenate([even_stamps(), even_stamps()[-1] + np.arange(1, 1001) * step])
-        np.testing.assert_array_equal(placed(stamps), stamps)
 
 
 @given(st.data())

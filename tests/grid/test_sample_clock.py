@@ -40,33 +40,49 @@ def place(
     return steps, [float(v) for p in out for v in p.values[:, 0]]
 
 
-def test_regular_stream_learns_its_interval_and_loses_nothing() -> None:
+def after(steps: list[int]) -> np.ndarray:
+    """Return ticks with these steps between them, the first of which leads to the first tick."""
+    return np.cumsum(steps)
+
+
+KNOWN = ("startup", 0.025)
+STREAMS: dict[str, tuple[tuple[object, ...], np.ndarray, list[int], float]] = {
+    "regular": (("startup",), np.arange(100) * TICK + 7, [1] * 100, 0.025),
+    "coarse stamps": (("startup",), np.arange(200) * 6.25 // 1 * 1e6, [1] * 200, 0.00625),
+    "gaps": (KNOWN, after([1, 1, 1, 3, 1, 994, 1]) * TICK, [1, 1, 1, 3, 1, 994, 1], 0.025),
+    "longer than plausible": (KNOWN, after([1, 1, 1, 399_998, 1]) * TICK, [1, 1, 1, 399_998, 1], 0.025),
+    "restart": (
+        KNOWN, np.append(np.arange(10) + 5000, np.arange(10) + 3) * TICK, [1] * 10 + [BREAK] + [1] * 9, 0.025,
+    ),
+    "loop ticks": (
+        ("counter", None, LOOP_S), np.delete(np.arange(100) * 20 + 543, [50, 51]), [1] * 50 + [3] + [1] * 47, 0.025,
+    ),
+    "count of 32 bits": (
+        ("counter",), (np.arange(200) * 25_000 + (1 << 32) - 90 * 25_000) % (1 << 32), [1] * 200, 0.025,
+    ),
+    "intervals": (("dt",), np.where(np.arange(60) == 40, 3, 1) * 10_000_000, [1] * 40 + [3] + [1] * 19, 0.01),
+    **{
+        f"lossy start {pattern}": (("startup",), after(pattern * 20) * TICK, [1, *(pattern * 20)[1:]], 0.025)
+        for pattern in ([2, 1, 2, 2], [2, 2, 2, 1], [1, 5, 1, 9])
+    },
+    "every other lost": (KNOWN, after([2] * 40 + [1] * 40) * TICK, [1] + [2] * 39 + [1] * 40, 0.025),
+}  # fmt: skip
+"""By name: words of the clock, stamps, steps, and the interval in s."""
+
+
+@pytest.mark.parametrize("name", STREAMS)
+def test_a_stream_has_its_interval_and_loses_nothing_unseen(name: str) -> None:
+    words, times, steps, interval_s = STREAMS[name]
+    for cuts in ([], [len(times) // 3, len(times) // 2]):
+        clock = SampleClock(*words)  # type: ignore[arg-type]
+        assert place(clock, block(times, str(words[0])), cuts)[0] == steps
+        assert clock.interval_s == pytest.approx(interval_s, rel=1e-6)
+
+
+def test_samples_out_of_order_give_the_right_interval() -> None:
     clock = SampleClock("startup")
-    steps, values = place(clock, block(np.arange(100) * TICK + 7))
+    place(clock, block(np.arange(60).reshape(-1, 2)[:, ::-1].ravel() * TICK))
     assert clock.interval_s == 0.025
-    assert steps == [1] * 100
-    assert values == list(range(100))
-
-
-def test_stamps_of_coarse_resolution_give_the_true_rate() -> None:
-    clock = SampleClock("startup")
-    times = (np.arange(200) * 6.25 // 1).astype(np.int64) * 1_000_000
-    steps, _ = place(clock, block(times))
-    assert clock.interval_s == pytest.approx(0.00625)
-    assert steps == [1] * 200
-
-
-def test_gap_is_counted_exactly() -> None:
-    ticks = np.array([0, 1, 2, 5, 6, 1000, 1001])
-    steps, _ = place(SampleClock("startup", 0.025), block(ticks * TICK))
-    assert steps == [1, 1, 1, 3, 1, 994, 1]
-
-
-def test_a_gap_longer_than_plausible_counts_once_confirmed() -> None:
-    ticks = np.array([0, 1, 2, 400_000, 400_001])
-    clock = SampleClock("startup", 0.025)
-    steps, _ = place(clock, block(ticks * TICK))
-    assert steps == [1, 1, 1, 399_998, 1]
 
 
 @pytest.mark.parametrize("bad", [10**15, 0, 5 * TICK, 99 * TICK + 10**9 * 100])
@@ -92,12 +108,6 @@ def test_samples_whose_time_has_another_unit_are_excluded_and_counted(step_ns: i
     assert place(clock, block(2000 * step_ns + TICK * np.arange(100)))[0][-99:] == [1] * 99
 
 
-def test_restart_is_a_gap_of_unknown_length() -> None:
-    times = np.concatenate([np.arange(10) + 5000, np.arange(10) + 3]) * TICK
-    steps, _ = place(SampleClock("startup", 0.025), block(times))
-    assert steps == [1] * 10 + [BREAK] + [1] * 9
-
-
 def test_a_restart_whose_second_sample_has_the_last_time_loses_no_sample() -> None:
     """That sample does not continue the old time: the one before it is no wrong stamp."""
     clock = SampleClock("startup", 0.025)
@@ -115,14 +125,6 @@ def test_a_duplicate_sample_counts_once() -> None:
     assert clock.duplicates == 1
 
 
-def test_count_of_loop_ticks_is_a_clock() -> None:
-    clock = SampleClock("counter", tick_s=LOOP_S)
-    counts = np.delete(np.arange(100) * 20 + 543, [50, 51])
-    steps, _ = place(clock, block(counts, "counter"))
-    assert clock.interval_s == 0.025
-    assert steps == [1] * 50 + [3] + [1] * 47
-
-
 def test_without_a_clock_damaged_messages_are_lost_ticks() -> None:
     clock = SampleClock("none", 0.025)
     steps, _ = place(clock, block([0] * 4, "none", [0, 0, 2, 0]))
@@ -130,15 +132,6 @@ def test_without_a_clock_damaged_messages_are_lost_ticks() -> None:
     clock.gap()
     steps, _ = place(clock, block([0] * 2, "none", [0, 0]))
     assert steps == [BREAK, 1]
-
-
-def test_interval_of_the_deltas_is_a_clock() -> None:
-    clock = SampleClock("dt")
-    times = np.full(60, 10_000_000)
-    times[40] *= 3
-    steps, _ = place(clock, block(times, "dt"))
-    assert clock.interval_s == 0.01
-    assert steps == [1] * 40 + [3] + [1] * 19
 
 
 def test_no_clock_and_no_rate_is_refused() -> None:
@@ -202,29 +195,6 @@ def test_a_clock_that_stops_needs_no_memory_and_is_learned_when_it_runs() -> Non
 
 
 @pytest.mark.few
-@pytest.mark.parametrize("pattern", [[2, 1, 2, 2], [2, 2, 2, 1], [1, 5, 1, 9]])
-def test_a_lossy_start_gives_the_right_interval(pattern: list[int]) -> None:
-    clock = SampleClock("startup")
-    steps, _ = place(clock, block(np.cumsum(pattern * 20) * TICK))
-    assert clock.interval_s == 0.025
-    assert steps[1:] == (pattern * 20)[1:]
-
-
-def test_a_nominal_rate_shows_a_start_that_loses_every_other_sample() -> None:
-    clock = SampleClock("startup", 0.025)
-    steps, _ = place(clock, block(np.cumsum([2] * 40 + [1] * 40) * TICK))
-    assert clock.interval_s == 0.025
-    assert steps[1:] == [2] * 39 + [1] * 40
-
-
-def test_samples_out_of_order_give_the_right_interval() -> None:
-    order = np.arange(60).reshape(-1, 2)[:, ::-1].ravel()
-    clock = SampleClock("startup")
-    place(clock, block(order * TICK))
-    assert clock.interval_s == 0.025
-
-
-@pytest.mark.few
 @pytest.mark.parametrize("away_s", [5.0, 70.0, 6000.0])
 def test_the_gap_of_a_restart_has_a_known_length(away_s: float) -> None:
     clock = SampleClock("startup", 0.025)
@@ -262,13 +232,6 @@ def test_the_gap_of_a_pause_is_known_if_older_samples_come_first(blocks: int) ->
     assert [int(s) for p in out for s in p.steps] == [1] * 100 * (blocks + 1) + [gap] + [1] * 99
     out = clock.place(block((np.arange(100) + 288_000) * TICK), host_s=2.5)
     assert out[0].steps[0] == BREAK, "time that samples account for is not open again"
-
-
-def test_a_count_of_32_bits_continues_over_its_wrap() -> None:
-    counts = (np.arange(200, dtype=np.int64) * 25_000 + (1 << 32) - 90 * 25_000) % (1 << 32)
-    for cuts in ([], [88, 91, 120]):
-        steps, _ = place(SampleClock("counter"), block(counts, "counter"), cuts)
-        assert steps == [1] * 200
 
 
 # ---------------------------------------------------------------- clocks without a tick
