@@ -8,7 +8,8 @@ import socket
 import threading
 import time
 import tty
-from contextlib import suppress
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Literal
 
@@ -16,6 +17,25 @@ from free_ports import free_port
 
 COLUMNS = "t_us,gx,gy,gz,ax,ay,az"
 URL_PARAMETERS = f"?columns={COLUMNS}"
+
+
+@contextmanager
+def datagrams(port: int, data: bytes, period_s: float = 0.02) -> Iterator[None]:
+    """Send the same datagram again and again; none, if it is empty."""
+    ending = threading.Event()
+
+    def send() -> None:
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as board:
+            while data and not ending.wait(period_s):
+                board.sendto(data, ("127.0.0.1", port))
+
+    thread = threading.Thread(target=send)
+    thread.start()
+    try:
+        yield
+    finally:
+        ending.set()
+        thread.join()
 
 
 class LineSender:

@@ -296,23 +296,13 @@ def prose(path: Path) -> Iterator[str]:
             yield token.string
 
 
-def test_documents() -> None:
-    assert not [f"{path.name}: {words}" for path in DOCUMENTS for words in found(path.read_text("utf-8"))]
-
-
-def test_the_help() -> None:
+def test_words_to_avoid_are_nowhere() -> None:
+    """In documents, in the help, and in string constants and comments of modules."""
     main, commands = parsers()
-    for parser in (main, *commands.values()):
-        assert not found(parser.format_help()), parser.prog
-
-
-def test_texts_of_the_modules() -> None:
-    assert not [
-        f"{path.relative_to(ROOT)}: {words}"
-        for path in MODULES
-        for text in prose(path)
-        for words in found(text)
-    ]
+    texts = [(path.name, [path.read_text("utf-8")]) for path in DOCUMENTS]
+    texts += [(parser.prog, [parser.format_help()]) for parser in (main, *commands.values())]
+    texts += [(str(path.relative_to(ROOT)), prose(path)) for path in MODULES]
+    assert not [f"{name}: {words}" for name, parts in texts for text in parts for words in found(text)]
 
 
 def test_no_percentage_is_a_power_of_ten() -> None:

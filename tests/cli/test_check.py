@@ -20,22 +20,31 @@ import numpy as np
 import pytest
 import reports
 from blocks_at_rest import DELTAS, LEVEL, NOW, block
-from commands import run_inside
+from commands import imumon, run_inside
 from daemons import Daemon, free_endpoint
+from documents import words
 from faulty_sensor import spawn
 from reports import FakeSource, with_coefficients
 from waiting import until
 
+from imumon.api.measurement import Measurement
 from imumon.bus import Publisher
 from imumon.cli.main import parsers
 from imumon.cli.options import only_own_device, report_of
 from imumon.cli.wait_condition import WaitCondition
-from imumon.model.coefficients import GradeName
+from imumon.documents.program_settings import number_lines, numbers_of
+from imumon.model.coefficients import GRADES, NOISE, GradeName
+from imumon.model.messages import grade_text
+from imumon.model.readiness import letters_for, ready_text, state_of
 from imumon.model.report import DeviceDescription, Report, SensorGrade, SessionCounters, stamp
 from imumon.model.report_json import to_json
-from imumon.model.samples import SampleBlock
+from imumon.model.samples import INERTIAL, SampleBlock
 from imumon.record import Record
 from imumon.sources.vn100.emulator import EmulatorSettings
+from imumon.tui.channel_table import SYMBOLS, rows_of
+from imumon.tui.export import copied_lines
+from imumon.tui.panels import headlines
+from imumon.tui.view_state import ViewState
 
 PERFORMANCE = re.compile(r"[A-Za-z_]+=-?\d+(\.\d+)?(s|%|c)?(;-?[\d.]*){0,4}")
 """One value by the Monitoring Plugins Development Guidelines."""
@@ -160,8 +169,8 @@ def test_the_limit_of_the_loss_a_grade_and_a_baseline(report: Report, tmp_path: 
 
 def test_errors_are_unknown_and_a_missing_daemon_is_critical(tmp_path: Path) -> None:
     assert plugin("--connect", free_endpoint())[0] == 2
-    for words in (["--max-age", "x"], ["--nonsense"], ["--baseline", "/nowhere"], ["--id", "///"]):
-        code, text, data = plugin(*words)
+    for wrong in (["--max-age", "x"], ["--nonsense"], ["--baseline", "/nowhere"], ["--id", "///"]):
+        code, text, data = plugin(*wrong)
         assert (code, data) == (3, [])
         assert text
     file = tmp_path / "bad.toml"
@@ -369,3 +378,75 @@ def test_invalid_options_are_one_line_and_2(arguments: tuple[str, ...]) -> None:
     done = wait(*arguments)
     assert done.returncode == 2
     assert done.stderr.count("\n") == 1
+
+
+# ---------- every door gives the same answer to one question: the grade, whether a number is ready, the numbe
+
+
+CODES = {"reached": 0, "open": 1, "missed": 2}
+
+
+@pytest.fixture(scope="module")
+def two_hours() -> Report:
+    return replace(reports.report(), state="running")
+
+
+def screen(two_hours: Report) -> str:
+    """Return the headline and the table of the screen as text."""
+    state = ViewState(reports={two_hours.device.id: two_hours}, id=two_hours.device.id)
+    lines = [*headlines(state, 120, 5), *(line for line, _ in rows_of(state, 120))]
+    return "\n".join("".join(text for text, _ in line) for line in lines)
+
+
+def test_each_door_has_the_same_grade(two_hours: Report) -> None:
+    with published(two_hours) as place:
+        _, status, _ = run_inside(["status", "--connect", place])
+        alone = plugin("--connect", place)[0]
+        codes = [plugin("--connect", place, "--grade", grade)[0] for grade in GRADES]
+    for sensor, grade in two_hours.grade.items():
+        for door, text in {
+            "status": status,
+            "summary": repr(Measurement(two_hours)),
+            "datasheet": words(two_hours, "md"),
+            "screen": screen(two_hours),
+        }.items():
+            assert grade_text(grade) in text, (door, sensor)
+    for code, required in zip(codes, GRADES, strict=True):
+        verdicts = [grade.compared_with(required) for grade in two_hours.grade.values()]
+        assert code == max(alone, *(CODES[verdict] for verdict in verdicts)), required
+        waited = WaitCondition(grade=required).unmet(two_hours) is None
+        assert waited == (set(verdicts) == {"reached"}), required
+
+
+def test_each_door_has_the_same_ready_coefficients(two_hours: Report) -> None:
+    axes = {name: channel for name, channel in two_hours.channels.items() if name.sensor in INERTIAL}
+    ready = {letter: [] for letter in NOISE}
+    for name, channel in axes.items():
+        for letter in NOISE:
+            goal = two_hours.precision[letter]
+            state = state_of(channel, letter, two_hours.precision)
+            wait = WaitCondition(coefficient=letter, precision=goal, channels=(name,))
+            assert (wait.unmet(two_hours) is None) == (state == "ready"), (name, letter)
+            ready[letter].append(state == "ready")
+    marks = screen(two_hours).count(SYMBOLS["ready"][0])
+    shown = [c for n, c in two_hours.channels.items() if c.estimates]
+    assert marks == sum(
+        state_of(c, letter, two_hours.precision) == "ready" for c in shown for letter in NOISE
+    )
+    text = ready_text(two_hours, "kalibr")
+    assert text in screen(two_hours)
+    assert [f"{letter} yes" in text for letter in letters_for("kalibr")] == [
+        all(ready[letter]) for letter in letters_for("kalibr")
+    ]
+
+
+@pytest.mark.few(2)
+@pytest.mark.parametrize("program", ["kalibr", "vins", "ros"])
+@pytest.mark.parametrize("made", [reports.report, reports.long_report])
+def test_each_door_gives_the_same_numbers(made, program: str, tmp_path: Path) -> None:
+    two_hours = made()
+    saved = tmp_path / "report.json"
+    saved.write_text(to_json(two_hours))
+    file = imumon("report", saved, "--format", program)
+    assert Measurement(two_hours).settings(program) == numbers_of(file)
+    assert copied_lines(two_hours, program)[1:] == number_lines(file)

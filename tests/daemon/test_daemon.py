@@ -6,8 +6,6 @@ import json
 import logging
 import os
 import signal
-import socket
-import threading
 import time
 from dataclasses import replace
 from pathlib import Path
@@ -21,6 +19,7 @@ from daemons import Daemon, free_endpoint, n_is_within_a_tenth
 from faulty_sensor import spawn
 from free_ports import free_port
 from histories import with_slopes, write
+from line_sender import datagrams
 from waiting import until
 
 from imumon.checkpoint import decode
@@ -69,26 +68,14 @@ def test_from_bytes_to_a_grade_and_back_to_rest(tmp_path: Path) -> None:
 
 def test_bytes_that_never_become_samples_are_shown(tmp_path: Path) -> None:
     """Within seconds, in the report and in the log: what became of them, and how they begin."""
-    port, ending = free_port(), threading.Event()
-
-    def send() -> None:
-        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as board:
-            while not ending.wait(0.02):
-                board.sendto(b"IMU \x1b[2J ready\n", ("127.0.0.1", port))
-
-    thread = threading.Thread(target=send)
-    thread.start()
-    try:
-        with Daemon(f"lines:udp://:{port}", tmp_path) as daemon:
-            made = daemon.wait(lambda r: any("no sample yet" in text for text in r.device.remarks))
-            assert made.state == "starting"
-            (remark,) = (text for text in made.device.remarks if "no sample yet" in text)
-            assert " start; the first line is 'IMU \\x1b[2J ready'" in remark
-            assert remark in summary_text(made, 1000)
-            assert remark in daemon.stop()[2]
-    finally:
-        ending.set()
-        thread.join()
+    port = free_port()
+    with datagrams(port, b"IMU \x1b[2J ready\n"), Daemon(f"lines:udp://:{port}", tmp_path) as daemon:
+        made = daemon.wait(lambda r: any("no sample yet" in text for text in r.device.remarks))
+        assert made.state == "starting"
+        (remark,) = (text for text in made.device.remarks if "no sample yet" in text)
+        assert " start; the first line is 'IMU \\x1b[2J ready'" in remark
+        assert remark in summary_text(made, 1000)
+        assert remark in daemon.stop()[2]
 
 
 def test_restart_goes_on_with_an_exact_hole(tmp_path: Path) -> None:

@@ -12,7 +12,6 @@ from html.parser import HTMLParser
 from itertools import pairwise
 from pathlib import Path
 
-import numpy as np
 import pytest
 from commands import imumon, run_inside
 from daemons import Daemon
@@ -30,7 +29,6 @@ from imumon.model.filter_report import FilterReport
 from imumon.model.messages import CAVEATS, FILTER_NOT_KNOWN
 from imumon.model.report import Report, from_json
 from imumon.model.report_json import to_json
-from imumon.noise.synthesis import synthesise
 
 
 @pytest.mark.few
@@ -218,31 +216,6 @@ def test_axes_move_together_only_beyond_chance() -> None:
 
 
 # ---------------------------------------------------------------- `imumon report`
-
-
-@pytest.fixture(scope="module")
-def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Two minutes at rest as CSV, with a known N."""
-    path = tmp_path_factory.mktemp("recording") / "rest.csv"
-    noise = synthesise(4_800, 40.0, N=[6e-5] * 3 + [1.4e-3] * 3, seed=4)
-    noise[:, 5] -= 9.8
-    np.savetxt(
-        path,
-        np.column_stack([np.arange(4_800) / 40.0, noise]),
-        delimiter=",",
-        header="t [s],wx [rad/s],wy [rad/s],wz [rad/s],ax [m/s^2],ay [m/s^2],az [m/s^2]",
-        comments="",
-        fmt="%.9g",
-    )
-    return path
-
-
-@pytest.fixture(scope="module")
-def saved(recording: Path) -> Path:
-    """The report of the recording."""
-    path = recording.with_name("saved.json")
-    assert imumon("report", recording, "-o", path) == ""
-    return path
 
 
 def test_recording_to_report_to_datasheet_and_baseline(recording: Path, saved: Path, tmp_path: Path) -> None:

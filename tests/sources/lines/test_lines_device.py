@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 from daemons import Daemon, free_endpoint
 from free_ports import free_port
-from line_sender import COLUMNS, LineSender
+from line_sender import COLUMNS, LineSender, datagrams
 from waiting import until
 
 from imumon.model.samples import SampleBlock
@@ -158,20 +158,8 @@ def test_standard_input_without_a_sample_is_an_error(text: bytes, tmp_path: Path
 def test_a_run_without_a_sample_in_its_time_is_an_error(sent: bytes, tmp_path: Path) -> None:
     """Nobody ends the stream: the time does, whether nothing arrives or nothing that is a sample."""
     port = free_port()
-    ending = threading.Event()
-
-    def send() -> None:
-        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
-            while sent and not ending.wait(0.05):
-                sender.sendto(sent, ("127.0.0.1", port))
-
-    thread = threading.Thread(target=send)
-    thread.start()
-    try:
+    with datagrams(port, sent):
         done = run(tmp_path, "--port", f"lines:udp://:{port}", "--duration", "2", text=b"")
-    finally:
-        ending.set()
-        thread.join()
     assert (done.returncode, error_of(done)) == (4, "no_samples_in_time")
 
 

@@ -211,8 +211,8 @@ def test_a_valid_checksum_with_invalid_grammar_is_refused(body: str) -> None:
 VECTORS = json.loads(gzip.decompress((TESTS / "data" / "vn100_independent.json.gz").read_bytes()))
 """Messages with their numbers, of a packer that was written separately after the user manual (UM001 2.43).
 
-The emulator and the decoder share the code that packs messages, so an error in it could cancel out. Every binary field,
-combinations of them, every sentence with both checksums and all suffixes, errors, responses, messages of other products.
+The emulator and the decoder share the code that packs messages, so an error in it could cancel out. Every binary
+field, combinations of them, every sentence with both checksums and all suffixes, errors, responses, other products.
 """
 
 
