@@ -140,7 +140,8 @@ def split_unit(name: str) -> tuple[str, str]:
     >>> split_unit("raw_angular_rate_x_deg_per_s"), split_unit("accelXMps2"), split_unit("ax_g"), split_unit("seconds")
     (('raw_angular_rate_x', 'deg_per_s'), ('accelX', 'Mps2'), ('ax', 'g'), ('seconds', 'seconds'))
     """
-    text = name.strip().strip("\"'").lstrip("#% ")
+    text = re.sub(r"(?:\|-?[\d.]+)+$", "", name.strip())  # the limits of a channel
+    text = text.strip("\"'").lstrip("#% ")
     text, stated = _without_brackets(text)
     if stated:
         return text.strip(), stated
@@ -151,7 +152,7 @@ def split_unit(name: str) -> tuple[str, str]:
     ):
         before, unit = body[: begin.start()], body[begin.start() :]
         if _is_unit(unit, words_of(before)):
-            rest = re.sub(r"[\s_.,;|:]+(?:in)?$|\s+in\s*$", "", before) or (text if not axis else before)
+            rest = re.sub(r"[\s_.,;|:\"]+(?:in)?$|\s+in\s*$", "", before) or (text if not axis else before)
             return f"{rest}{axis or ''}", unit
     return text, ""
 
@@ -172,7 +173,7 @@ def _without_brackets(text: str) -> tuple[str, str]:
     stated = ""
     for match in list(_BRACKETS.finditer(text))[::-1]:
         inside = next((part for part in match.groups() if part is not None), "").strip()
-        if inside in ("0", "1", "2", "3", "4", "5", "6", "7", "8"):
+        if re.fullmatch("[0-8]", inside):
             continue
         known = known_unit(inside) is not None
         if _NO_UNIT.fullmatch(inside) and not known:

@@ -36,7 +36,7 @@ _WORDS = {
         "rev": 2.0 * math.pi,
     },
     "length": {"m": 1.0},
-    "time": {"s": 1.0, "min": 60.0, "h": 3600.0},
+    "time": {"s": 1.0, "min": 60.0, "h": 3600.0, "day": 86400.0, "nano": 1e-9},
     "accel": {"g": STANDARD_GRAVITY, "gal": 1e-2},
     "gyro": {"dps": math.radians(1.0), "rps": 1.0, "dph": math.radians(1.0 / 3600.0), "rpm": math.pi / 30.0},
     "mag": {"gauss": 1.0, "t": 1e4},
@@ -52,9 +52,6 @@ _SPELLINGS = {
     **dict.fromkeys(("sec", "secs", "second", "seconds"), "s"),
     **dict.fromkeys(("mins", "minute", "minutes"), "min"),
     **dict.fromkeys(("hr", "hrs", "hour", "hours"), "h"),
-    **dict.fromkeys(("msec", "msecs", "millis", "millisecond", "milliseconds", "millisec"), "ms"),
-    **dict.fromkeys(("usec", "usecs", "micros", "microsecond", "microseconds", "microsec"), "us"),
-    **dict.fromkeys(("nsec", "nsecs", "nanos", "nano", "nanosecond", "nanoseconds", "nanosec"), "ns"),
     **dict.fromkeys(("gs", "gravity", "gee", "gn"), "g"),
     **dict.fromkeys(("°c", "celsius"), "degc"), "kelvin": "k", "tesla": "t", "gs(mag)": "gauss", "arcseconds": "arcsec",
 }  # fmt: skip
@@ -116,12 +113,8 @@ def _with_signs(text: str, quantity: str) -> str:
     """Return a unit in lower case, with signs in place of words and blanks."""
     unit = unicodedata.normalize("NFKC", text.replace("º", "°").replace("˚", "°")).strip().strip("[](){}'\" ")
     unit = unit.replace("μ", "u").replace("**", "^").lower()
-    if quantity == "mag" and unit in ("g", "mg", "gs", "mgs"):
-        unit = (
-            unit[: unit.startswith("m") and len(unit) > 1] + "gauss"
-            if unit != "g" and unit != "gs"
-            else "gauss"
-        )
+    if quantity == "mag":
+        unit = re.sub(r"^(m?)gs?$", r"\1gauss", unit)
     unit = re.sub(r"\s+per\s+|_per_|per(?=s|h)", "/", unit)
     unit = re.sub(r"\s*squared\b", "^2", unit)
     unit = re.sub(r"[()]", "", unit)
@@ -157,8 +150,6 @@ def _base(text: str) -> tuple[str, float] | None:
             continue
         base = word[len(prefix) :]
         spelling = _SPELLINGS.get(base, base)
-        if spelling in ("ms", "us", "ns"):
-            return "time", scale * size * _PREFIXES[spelling[0]]
         for dimension, bases in _WORDS.items():
             if spelling in bases and (
                 not prefix or (dimension not in ("temperature",) and spelling not in ("min", "h", "gal"))
@@ -168,16 +159,15 @@ def _base(text: str) -> tuple[str, float] | None:
 
 
 def stated_rate(text: str) -> float | None:
-    """Return the rate beside the word rate or Fs, Hz; None: there is none.
+    """Return the rate beside the word rate or Fs, Hz; None: there is none, or several that differ.
 
     >>> stated_rate("// Update Rate: 100.0Hz"), stated_rate("Fs,100"), stated_rate("at 52 Hz"), stated_rate("range 8")
     (100.0, 100.0, 52.0, None)
     """
     number = r"(\d+(?:\.\d+)?)\s*(k?)"
-    word = r"(?<!baud)(?<!baud_)(?<!baud )(?:\b|_)(?:\w*rate|fs|odr|sampling|frequency|freq)\b"
+    word = r"(?:\b|_)(?:\w*(?<!baud)(?<!baud[_ ])rate|fs|odr|sampling|frequency|freq)\b"
     near = rf"{word}[^\d\n\w]{{0,12}}(?:hz\W*|\(hz\)\W*|is )?{number}"
-    match = re.search(near, text, re.IGNORECASE) or re.search(rf"\bat\s+{number}Hz", text, re.IGNORECASE)
-    if match is None or "baud" in match[0].lower():
-        return None
-    rate = float(match[1]) * (1e3 if match[2] else 1.0)
+    matches = re.findall(near, text, re.IGNORECASE) or re.findall(rf"\bat\s+{number}Hz", text, re.IGNORECASE)
+    rates = {float(digits) * (1e3 if kilo else 1.0) for digits, kilo in matches}
+    rate = rates.pop() if len(rates) == 1 else 0.0
     return rate if POSSIBLE_HZ[0] <= rate <= POSSIBLE_HZ[1] else None
