@@ -11,7 +11,6 @@ as a whole.
 
 from __future__ import annotations
 
-import re
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -24,10 +23,11 @@ from imumon.model.cures import option_text
 from imumon.model.report_json import plain
 from imumon.model.samples import AXES, Floats, SampleBlock
 from imumon.sources.files.base import ROWS, ReadOptions, RecordingError, RowSource
-from imumon.sources.files.column_names import names_sensor, names_time
+from imumon.sources.files.column_names import names_sensor, names_time, words_of
 from imumon.sources.files.column_reader import read_columns
 from imumon.sources.files.columns import LISTED, MOST_COLUMNS, Reading
 from imumon.sources.files.table import Table
+from imumon.sources.files.unit_grammar import stated_rate
 
 HEAD_ROWS = 4096
 """First rows that show what the columns are."""
@@ -161,10 +161,10 @@ def _most_specific(faults: Sequence[RecordingError], listed: str, *, several: bo
 
 
 def _stated_rate(columns: Sequence[ArrayColumn]) -> float | None:
-    """Return the rate, Hz, that an array of one number has by its name; None: there is none."""
-    name = re.compile(r"fs|.*rate.*|.*freq.*|odr", re.IGNORECASE)
-    rate = next((c for c in columns if c.length == 1 and name.fullmatch(c.name)), None)
-    return None if rate is None else float(_rows([rate], 0, 1)[0, 0])
+    """Return the rate, Hz, that arrays of one number have by their names; None: there is none."""
+    single = [column for column in columns if column.length == 1]
+    texts = (f"{words_of(word)}: {_rows([c], 0, 1)[0, 0]}" for c in single for word in c.name.split("."))
+    return stated_rate("\n".join(texts))
 
 
 def columns_of(name: str, value: Any) -> list[ArrayColumn]:

@@ -8,24 +8,29 @@ from __future__ import annotations
 
 import math
 import re
+from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
+from itertools import pairwise
 
 import numpy as np
 
 from imumon.grid.stamp_kinds import shows_rate, stamp_interval, typical_step
 from imumon.model.cures import option, option_text
 from imumon.model.samples import INERTIAL
-from imumon.model.units import share_text
+from imumon.model.units import DAY, share_text
 from imumon.sources.files.base import ReadOptions, RecordingError
-from imumon.sources.files.column_names import COUNTER, FEWEST, TIME, NamedColumn, label_of
+from imumon.sources.files.column_names import COUNTER, FEWEST, TIME, NamedColumn, label_of, names_sensor
 from imumon.sources.files.columns import SINCE_1970_S, Use, factors_of, reference
 from imumon.sources.files.unit_grammar import POSSIBLE_HZ, Unit, known_unit
 
 USUAL_HZ, TYPICAL_HZ = (0.5, 9000.0), 150.0
 """Hz, rates at which the unit of a time is proposed, and the one that they lie around."""
 
-CLOCK_UNITS = ("s", "ms", "us", "ns")
-"""Units in which a clock may count."""
+SINCE_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+"""Units of clocks that count from 1970, in s."""
+
+CLOCK_UNITS = {**SINCE_UNITS, "day": DAY}
+"""Units in which a clock may count, in s."""
 
 STATED_SHARE = 0.02
 """Share by which the rate of a clock may differ from one that is stated: those are nominal."""
@@ -59,6 +64,12 @@ class ColumnClock:
         self._rate, self._reason = options.rate_hz, "the rate is given"
         if self._rate is None and stated_hz is not None:
             self._rate, self._reason = stated_hz, f"a comment states {stated_hz:g} Hz"
+        names = Counter(column.name for column in columns if column.rises)
+        # clocks of one name are each that of the channel behind it
+        self._words = [
+            f"{c.words} {behind.words}" if names[c.name] > 1 else c.words
+            for c, behind in pairwise([*columns, *columns[:1]])
+        ]
 
     def time(self, excluded: Collection[int]) -> Use:
         """Return the time, or the rate in its place.
@@ -90,7 +101,7 @@ class ColumnClock:
     def use_of(self, column: NamedColumn) -> Use:
         """Return the time that a column is, with its unit; raise `RecordingError` if that is stated and not known."""
         step, certain = typical_step(column.present), True
-        rates = {text: 1.0 / (step * 10.0 ** (-3 * k)) for k, text in enumerate(CLOCK_UNITS)}
+        rates = {text: 1.0 / (step * factor) for text, factor in CLOCK_UNITS.items()}
         text = self._options.units.get("time", "") or self._unit(column)
         reason = "its unit is given or stated, or its numbers count from 1970"
         if not text and self._rate is not None:
@@ -116,9 +127,10 @@ class ColumnClock:
         if column.known is not None:
             return column.unit
         middle, step = float(np.median(column.present)), typical_step(column.present)
-        for k, text in enumerate(CLOCK_UNITS):
-            factor = 10.0 ** (-3 * k)
-            if k and column.words == text and _is_possible(step * factor):  # `s` may be any quantity
+        for text, factor in SINCE_UNITS.items():
+            if (
+                text != "s" and column.words == text and _is_possible(step * factor)
+            ):  # `s` may be any quantity
                 return text
             if SINCE_1970_S[0] <= middle * factor < SINCE_1970_S[1] and _is_possible(step * factor):
                 return text
@@ -138,14 +150,16 @@ class ColumnClock:
         return bool(TIME.search(column.words)) or bool(not counts_rows and shows)
 
     def _rank(self, column: NamedColumn) -> tuple[object, ...]:
-        """Return the order of clocks: the stated rate, the sensor of the rows, a name, even steps, a known unit."""
-        step, text = typical_step(column.present), self._unit(column)
+        """Return the order of clocks: that of a sensor, the stated rate, no restart, a name, even steps."""
+        step, text, words = typical_step(column.present), self._unit(column), self._words[column.index]
         units = [known_unit(unit, "t") for unit in ([text] if text else CLOCK_UNITS)]
         rates = [1.0 / (step * unit.factor) for unit in units if unit is not None]
         of_other = {"gyro": "acc", "accel": "gyr"}.get(self._options.sensor or "", "$^")
         return (
+            not names_sensor(words),
             not any(abs(hz / (self._rate or math.inf) - 1.0) < STATED_SHARE for hz in rates),
-            bool(re.search(rf"{of_other}|gnss|location|mag|baro|alt|position", column.words)),
+            bool(re.search(rf"{of_other}|gnss|location|mag|baro|alt|position", words)),
+            bool((np.diff(column.present) < 0.0).any()),
             not (TIME.search(column.words) or not column.words),
             not _is_steady(column),
             not re.search(r"startup|sample|sensor|device|boot|chip", column.words),
@@ -157,7 +171,7 @@ class ColumnClock:
 
     def _check_one_clock(self, clocks: Sequence[NamedColumn]) -> None:
         """Raise `RecordingError` if gyroscope and accelerometer have a time each, and these differ."""
-        of = {sensor: c for sensor in INERTIAL for c in clocks[::-1] if sensor[:3] in c.words}
+        of = {sensor: c for sensor in INERTIAL for c in clocks[::-1] if sensor[:3] in self._words[c.index]}
         if self._options.sensor is not None or len(of) < len(INERTIAL):
             return
         gyro, accel = of["gyro"], of["accel"]
@@ -244,14 +258,12 @@ def _pair(free: Sequence[NamedColumn]) -> Use | None:
 
 def _part_of_second(column: NamedColumn) -> str:
     """Return the unit of a column of parts of a second, ns or us; empty: it has none."""
-    match = re.search(
-        r"(?:^| )(ns|n ?secs?|nano ?secs?|nanos?|nanoseconds|us|u ?secs?|micro ?secs?|micros)(?: |$)",
-        f"{column.words} {column.unit}",
-    )
-    if match is None or not len(column.present):
-        return ""
-    unit, most = ("ns", 1e9) if match[1].startswith("n") else ("us", 1e6)
-    return unit if column.present.min() >= 0.0 and 0.0 < column.present.max() < most else ""
+    of_time = column.known is not None and column.known.quantity == "t"
+    for unit in ("ns", "us") if of_time and len(column.present) else ():
+        most = 1.0 / SINCE_UNITS[unit]
+        if column.known == known_unit(unit) and column.present.min() >= 0.0 < column.present.max() < most:
+            return unit
+    return ""
 
 
 def _check_order(free: Sequence[NamedColumn]) -> None:

@@ -65,6 +65,15 @@ WRITERS: dict[str, Callable[[Path], Any]] = {
     "nested.mat": lambda path: mat(
         path, imu={"t": T, "gyro_dps": GYRO / DEG, "accel_g": ACCEL / G, "name": "a"}
     ),
+    "rate.mat": lambda path: mat(
+        path,
+        trial={
+            "stamp": T / 86400.0,
+            "gyro_dps": GYRO / DEG,
+            "accel_g": ACCEL / G,
+            "Fs": {"Acc": 1.0 / (T[1] - T[0])},
+        },
+    ),
     "a.parquet": lambda path: parquet(path, name=["a"] * len(T), **columns()),
     "stamps.parquet": lambda path: parquet(
         path, **{**columns(), "t": np.rint(1.7e9 * 1e9 + T * 1e9).astype("datetime64[ns]")}

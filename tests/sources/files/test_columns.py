@@ -68,7 +68,7 @@ def test_what_is_no_unit_is_none(text: str) -> None:
         ("gyro_x [rad/s]", "rad/s"), ("gx_dps", "dps"), ("gyro_rps_x", "rad/s"), ("ax_g", "g"), ("acc_x_mg", "mg"),
         ("raw_angular_rate_x_deg_per_s", "deg/s"), ("t_ms", "ms"), ("timestamp_seconds", "s"), ("accel_m_s2_x", "m/s2"),
         ("gyroADC[0]", ""), ("X Accel [x8004]", ""), ("gx", ""), ("a_s", ""), ("Accel-X (g)", "g"),
-        ("time [ticks]", "ticks"),
+        ("time [ticks]", "ticks"), ('"AccelX"|"G"|-3.0|3.0|50', "g"), ('"Yaw"|"Deg/Sec"|-120|120|50', "deg/s"),
     ],
 )  # fmt: skip
 def test_a_name_states_its_unit_in_brackets_or_as_a_suffix(name: str, unit: str) -> None:
@@ -112,6 +112,29 @@ def test_a_clock_that_counts_from_1970_is_certain(start: float) -> None:
     reading = read("time,ax,ay,az", start + 0.01 * unit * STEP, ACCEL)
     assert reading.certain
     assert reading.layout().times[0].factor == pytest.approx(1e9 / unit)
+
+
+def test_a_clock_in_days_is_proposed_where_no_other_unit_shows_a_rate() -> None:
+    """Dates of MATLAB and of spreadsheets are numbers of days."""
+    reading = read("stamp,ax,ay,az", 739330.4 + 0.01 * STEP / 86400.0, ACCEL)
+    assert (reading.uses[1].unit, reading.certain) == ("day", False)
+
+
+def test_a_clock_that_never_falls_is_before_one_that_starts_again() -> None:
+    reading = read("offset_time_ms,ts_ms,ax,ay,az", 10 * (STEP % 250), 10 * STEP, ACCEL)
+    assert reading.uses[1].columns == (1,)
+
+
+@pytest.mark.parametrize("first", [True, False])
+def test_clocks_of_one_name_are_those_of_the_channels_behind_them(first: bool) -> None:
+    emg = [("X[s]", 0.001 * STEP), ("EMG [Volts]", GYRO[:, 0])]
+    accel = [
+        each for k in range(3) for each in (("X[s]", 0.01 * STEP), (f"acc{'XYZ'[k]} [m/s^2]", ACCEL[:, k]))
+    ]
+    header, columns = zip(*(emg + accel if first else accel + emg), strict=True)
+    reading = read(",".join(header), *columns)
+    assert reading.certain
+    assert reading.uses[1].columns == (2 * first,)
 
 
 @pytest.mark.parametrize("step", [0.01, 10.0, 256.0, 1e7])
@@ -187,6 +210,7 @@ def test_counts_need_the_number_of_the_data_sheet() -> None:
     [
         ("Fs,100", 100.0), ("# Sample Rate = 250 Hz", 250.0), ("Update Rate: 100.0Hz", 100.0), ("ODR: 1.6 kHz", 1600.0),
         ("data_rate = 100.0 Hz, filter = 488 Hz", 100.0), ("baud rate: 115200", None), ("range 8", None),
+        ("baudrate 9600, sample rate 50", 50.0), ("EMG sampling frequency: 1111\nACC sampling frequency: 148", None),
     ],
 )  # fmt: skip
 def test_a_rate_beside_the_word_rate_is_stated(text: str, rate: float | None) -> None:
