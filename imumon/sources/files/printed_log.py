@@ -32,7 +32,7 @@ import warnings
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import groupby
+from itertools import groupby, pairwise
 from typing import Any
 
 import numpy as np
@@ -74,7 +74,7 @@ _STAMP = (
     r"|\d{4}-\d{1,2}-\d{1,2}T\d{2}\.\d{2}\.\d{2}(?:\.\d{1,9})?"
 )
 TOKEN = re.compile(
-    rf"(?<![\w.])(?P<stamp>{_STAMP})(?![\w:])|(?:(?<![\w.^])|(?<=[A-Za-z_])(?=[-+]))(?P<number>{_N})(?![.]?\w*\d)"
+    rf"(?<![\w.])(?P<stamp>{_STAMP})(?!:?\w)|(?:(?<![\w.^])|(?<=[A-Za-z_])(?=[-+]))(?P<number>{_N})(?![.]?\w*\d)"
     rf"|(?<![\w.])(?P<void>{_VOID})(?!\w)"
 )
 """A date or time of day, a number, or a word for none. Letters behind a number are its unit, unless "
@@ -318,23 +318,30 @@ def _header(
     """Return the names and units of columns by the lines above the first row, and the line of the names."""
     empty = ("",) * width
     lines = [(k, row) for k, line in enumerate(above) if (row := _header_cells(line, width, separator))]
-    named = [k for k, (_, cells) in enumerate(lines) if are_names(cells)]
-    if not named:
+    place, units = _named_line([cells for _, cells in lines])
+    if place < 0:
         return empty, empty, ""
-    place = named[-1]
     header, names = lines[place]
-    units: Sequence[str] = empty
-    if place and lines[place - 1][0] == header - 1:
-        above_it = lines[place - 1][1]
-        if _are_units(names) and are_names(above_it):
-            header, names, units = header - 1, above_it, names
-        elif len(set(names)) < width and _are_groups(above_it):  # a sensor above its axes
-            names = [f"{group} {name}".strip() for group, name in zip(_spread(above_it), names, strict=True)]
+    above_it = lines[place - 1][1] if place and lines[place - 1][0] == header - 1 else ()
+    if len(set(names)) < width and _are_groups(above_it):  # a sensor above its axes
+        names = [f"{group} {name}".strip() for group, name in zip(_spread(above_it), names, strict=True)]
     # a name may span the columns of its axes, which are empty or have a number
     spanned = ["" if re.fullmatch(r"\d", name) else name for name in names]
     if "" in spanned[:-1] and any(spanned):
         names = _elements(_spread(spanned))
-    return tuple(names), tuple(units), above[header]
+    return tuple(names), tuple(units or empty), above[header]
+
+
+def _named_line(lines: Sequence[Sequence[str]]) -> tuple[int, Sequence[str]]:
+    """Return the place of the line of names, -1 if there is none, and the units of a line of units."""
+    named = [k for k, cells in enumerate(lines) if are_names(cells)]
+    last = max(named, default=-1)
+    for k in range(len(lines) - 1, -1, -1):
+        if _are_units(lines[k]) and k - 1 in named:  # whatever is below them
+            return k - 1, lines[k]
+        if _are_units(lines[k]) and k < last:  # above the names: the first cell names the line
+            return last, ["", *lines[k][1:]]
+    return last, ()
 
 
 def _described_names(above: Sequence[str], table: PrintedTable, word: str) -> tuple[str, ...]:
@@ -411,12 +418,12 @@ def _by_code(table: PrintedTable, texts: Sequence[Sequence[str]], above: Sequenc
     """Return a table, or one for each value of a column by which the numbers differ; a first word always divides."""
     for k in range(len(table.names)):
         cells = [row[k] for row in texts]
-        counts = Counter(cell for cell in cells if cell)
+        counts = Counter(filter(None, cells))
         if k in table.dates or not _may_be_code(table.names[k], counts, len(cells)):
             continue
         groups = {value: np.array([cell == value for cell in cells]) for value in counts}
         is_word = k == 0 and all(number_of(value) is None for value in counts)
-        if is_word or _differ(table.rows, k, list(groups.values())):
+        if is_word or _in_turn(table.names[k], cells) or _differ(table.rows, k, list(groups.values())):
             return [
                 replace(
                     table,
@@ -453,6 +460,12 @@ def _may_be_code(name: str, counts: Mapping[str, int], rows: int) -> bool:
     if any(number_of(value) is None for value in counts):
         return True
     return all(re.fullmatch(r"\d+", v) for v in counts) and (not name or bool(_DEVICE.search(words_of(name))))
+
+
+def _in_turn(name: str, cells: Sequence[str]) -> bool:
+    """Return whether a column names devices whose rows take turns."""
+    changes = sum(cell != after for cell, after in pairwise(cells))
+    return _DEVICE.search(words_of(name)) is not None and changes >= REGULAR * (len(cells) - 1)
 
 
 def _differ(rows: Floats, code: int, groups: Sequence[Any]) -> bool:
@@ -492,7 +505,7 @@ def _template_tables(lines: Sequence[str]) -> Iterator[PrintedTable]:
         ids = [line.literals for line in parsed]
         if (period := _period(ids)) is not None:
             begin = _record_begin(lines, ids, period)
-            yield _template_table(lines, parsed, [begin], period)
+            yield from _template_table(lines, parsed, [begin], period)
             return
         counts = Counter(x for x in ids if len(x) > 1)
         frequent = [
@@ -501,7 +514,7 @@ def _template_tables(lines: Sequence[str]) -> Iterator[PrintedTable]:
         if sum(counts[x] for x in frequent) >= 0.5 * sum(counts.values()) and frequent:
             for template in frequent:
                 places = [k for k, x in enumerate(ids) if x == template]
-                yield _template_table(lines, parsed, places, 1)
+                yield from _template_table(lines, parsed, places, 1)
             return
 
 
@@ -534,11 +547,12 @@ def _record_begin(lines: Sequence[str], ids: Sequence[tuple[str, ...]], period: 
 
 def _template_table(
     lines: Sequence[str], parsed: Sequence[PrintedLine], places: Sequence[int], period: int
-) -> PrintedTable:
-    """Return the table of the records that begin at a place, or of one line at each of several places."""
+) -> list[PrintedTable]:
+    """Return the tables of the records that begin at a place, or of one line at each of several places."""
     begin = places[0]
     record = parsed[begin : begin + period]
-    if sum(len(line.values) for line in record) > MOST_COLUMNS:
+    names, units = number_labels(record)
+    if len(names) > MOST_COLUMNS:
         raise RecordingError(
             "too_many_columns",
             f"a record has more than {MOST_COLUMNS:,} numbers",
@@ -546,16 +560,16 @@ def _template_table(
         )
     numbered = max(k for k, line in enumerate(record) if line.values)
     tail = "".join(f"{line.literals[0].strip()}\n" for line in record[numbered + 1 :])
-    dates = tuple(k for k, is_date in enumerate(d for line in record for d in line.dates) if is_date)
-    pattern = _pattern(record)
+    are_dates = [is_date for line in record for is_date in line.dates]
+    dates = tuple(np.flatnonzero(are_dates).tolist())
+    pattern = _pattern(record, {})
     matches = re.compile(pattern, re.MULTILINE).findall("\n".join([*lines[begin:], tail]))
     texts = [(match,) if isinstance(match, str) else match for match in matches]
-    names, units = number_labels(record)
     if not any(names):
         names, units = _list_header(lines[:begin], lines[begin], names, units)
     above = lines[max(0, begin - 30) : begin]
     describing = record[0].literals[0] if len(places) > 1 else " ".join(above)
-    return PrintedTable(
+    table = PrintedTable(
         names,
         units,
         _numbers(texts, dates, False),
@@ -563,15 +577,16 @@ def _template_table(
         describing,
         stated_rate("\n".join(above)),
         dates,
-        pattern=pattern,
         lines=period,
         tail=tail,
     )
+    return [replace(each, pattern=_pattern(record, dict(each.codes))) for each in _by_code(table, texts, ())]
 
 
-def _pattern(record: Sequence[PrintedLine]) -> str:
-    """Return the pattern of a record, with a group for each number."""
+def _pattern(record: Sequence[PrintedLine], codes: Mapping[int, str]) -> str:
+    """Return the pattern of a record, with a group for each number, or for what some have as a code."""
     parts = []
+    place = -1
     for line in record:
         text = "^[ \\t]*"
         for k, literal in enumerate(line.literals):
@@ -579,7 +594,9 @@ def _pattern(record: Sequence[PrintedLine]) -> str:
             escaped = re.escape(fixed).replace("\\ ", "[ \\t]*").replace("\1", "[^\\n]*?")
             text += ("[ \\t]*" if k == len(line.values) and k else "") + escaped
             if k < len(line.values):
-                text += ("[ \\t]*" if not k else "") + f"({_STAMP if line.dates[k] else f'{_N}|{_VOID}'})"
+                place += 1
+                number = codes.get(place) or (_STAMP if line.dates[k] else f"{_N}|{_VOID}")
+                text += ("[ \\t]*" if not k else "") + f"({number})"
         parts.append(f"{text}[ \\t\\r]*\\n")
     return "".join(parts)
 

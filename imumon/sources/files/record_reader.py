@@ -287,7 +287,9 @@ class RecordReader:
 
     def _reason_outside(self, line: bytes, text: str, cells: Sequence[str]) -> str:
         """Return why a line belongs to no record of this table; empty: it may."""
-        is_other = any(cells[k : k + 1] != [code] for k, code in self._table.codes)
+        # lines of the other tables have their patterns
+        codes = () if self._table.pattern else self._table.codes
+        is_other = any(cells[k : k + 1] != [code] for k, code in codes)
         reasons = {
             "blank": not line.strip(),
             "comment": line.lstrip().startswith((b"#", b"%", b"//")),

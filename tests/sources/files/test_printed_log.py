@@ -39,6 +39,10 @@ FORMS: dict[str, str] = {
     "csv": lines(CSV, ",".join(NAMES) + "\n"),
     "comments before": lines(CSV, "# a logger\n# version 2\n" + ",".join(NAMES) + "\n"),
     "units below": lines(CSV, ",".join(NAMES) + "\nms,rad/s,rad/s,rad/s,g,g,g\n"),
+    "sources below": lines(
+        CSV, ",".join(NAMES) + "\nms,rad/s,rad/s,rad/s,g,g,g\n,1: gyro,1: gyro,,2: acc,2: acc,\n"
+    ),
+    "units above": lines(CSV, "Unit,rad/s,rad/s,rad/s,g,g,g\nStep,1,1,1,1,1,1\n" + ",".join(NAMES) + "\n"),
     "decimal comma": lines(CSV.replace(",", ";"), ";".join(NAMES) + "\n").replace(".", ","),
     "blanks": lines(CSV.replace(",", "  "), "  ".join(NAMES) + "\n"),
     "separator at the end": lines(CSV.replace("\n", ",\n"), ",".join(NAMES) + ",\n"),
@@ -119,6 +123,37 @@ def test_text_between_samples_is_no_sample_and_a_damaged_one_is_lost(tmp_path: P
     assert recording.ledger["not_numbers"] == 1
     assert recording.ledger["damaged"] == 1
     assert imbalance(merged(recording.ledger, {"samples": samples})) == 0
+
+
+@pytest.mark.parametrize("form", ["units below", "sources below", "units above"])
+def test_a_line_of_units_is_that_of_the_names(form: str) -> None:
+    table = tables(FORMS[form])[0]
+    assert (table.names, table.units[1:]) == (NAMES, ("rad/s",) * 3 + ("g",) * 3)
+
+
+def test_two_devices_in_turn_are_two_tables_whatever_their_numbers(tmp_path: Path) -> None:
+    """Two sensors on one board differ by their noise alone."""
+    form = "2024-03-19 09:44:{:05.2f}: IMU {{I : {}, GyrX : {}, GyrY : {}, GyrZ : {}}}\n"
+    every = [form.format(0.04 * k, i, *row[1:4]) for k, row in enumerate(ROWS.tolist()) for i in (0, 1)]
+    path = tmp_path / "a.log"
+    path.write_text("".join(every))
+    assert [table.codes for table in tables(path.read_text())] == [((1, "0"),), ((1, "1"),)]
+    recording = open_recording(str(path), ReadOptions(where={"I": "1"}, accept=True))
+    blocks = [block for some in recording for block in some]
+    assert recording.ledger["other_sensor"] == sum(map(len, blocks)) == 400
+    assert blocks[0].stream.interval_s == pytest.approx(0.04)
+
+
+@pytest.mark.parametrize(
+    "row", ["0x{:04X} 0x{:04X} 0x{:04X}\n", "{:04X} {:04X} {:04X}\n", "1,0x{:x},0x{:x},0x{:x}\n"]
+)
+def test_hexadecimal_numbers_are_named_as_the_fault(tmp_path: Path, row: str) -> None:
+    path = tmp_path / "a.log"
+    path.write_text("".join(row.format(0xFFE0 + k % 30, 0xA1B2, 0x4012 + k) for k in range(400)))
+    with pytest.raises(ImumonError) as error:
+        read_all(path)
+    assert "hexadecimal" in error.value.message
+    assert "decimal" in error.value.cure
 
 
 @pytest.mark.parametrize("sensor", ["1", "4"])
