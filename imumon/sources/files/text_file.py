@@ -47,6 +47,11 @@ SHOWN_BYTES = 1 << 17
 COLOUR = re.compile(rb"\x1b\[[0-9;]*m")
 """Colours that programs print for a terminal; one that a chunk splits stays."""
 
+HEXADECIMAL = re.compile(
+    r"(?:\b0x[0-9A-Fa-f]+\b\W{1,4}(?:\w+\W{1,3})?){3}|(?:\b(?=\d{0,3}[A-F])[0-9A-F]{4}\b\W{1,3}){3}"
+)
+"""Three hexadecimal numbers, or words that are them."""
+
 COMPLETE = "check that it is complete"
 """Cure for a text without records."""
 
@@ -114,6 +119,9 @@ class TextFile(Table):
                 raise RecordingError("no_rows", "it has no records with numbers", COMPLETE)
             table, reading = self._chosen(printed, text)
         except RecordingError as error:
+            if error.code in ("no_rows", "no_sensor") and HEXADECIMAL.search(text):
+                cure = "write them as decimal numbers"
+                error = RecordingError(error.code, "its numbers are hexadecimal", cure)
             raise error.of(self.path) from None
         layout = reading.checked(self.path, accept=self._options.accept).layout(self._options.kind)
         source = RowSource(self.path, "csv", reading.names, stated_hz=table.stated_hz)
