@@ -67,7 +67,9 @@ class ColumnClock:
         names = Counter(column.name for column in columns if column.rises)
         # clocks of one name are each that of the channel behind it
         self._words = [
-            f"{c.words} {behind.words}" if names[c.name] > 1 else c.words
+            f"{c.words} {behind.words} {behind.known and behind.known.quantity}"
+            if names[c.name] > 1
+            else c.words
             for c, behind in pairwise([*columns, *columns[:1]])
         ]
 

@@ -128,9 +128,7 @@ def test_a_clock_that_never_falls_is_before_one_that_starts_again() -> None:
 @pytest.mark.parametrize("first", [True, False])
 def test_clocks_of_one_name_are_those_of_the_channels_behind_them(first: bool) -> None:
     emg = [("X[s]", 0.001 * STEP), ("EMG [Volts]", GYRO[:, 0])]
-    accel = [
-        each for k in range(3) for each in (("X[s]", 0.01 * STEP), (f"acc{'XYZ'[k]} [m/s^2]", ACCEL[:, k]))
-    ]
+    accel = [each for k in range(3) for each in (("X[s]", 0.01 * STEP), (f"{'XYZ'[k]} [m/s^2]", ACCEL[:, k]))]
     header, columns = zip(*(emg + accel if first else accel + emg), strict=True)
     reading = read(",".join(header), *columns)
     assert reading.certain
