@@ -98,7 +98,7 @@ def daemon(
     from imumon.config import ZenohSettings
 
     try:
-        publisher = Publisher(id, listen=listen, connect=connect, settings=ZenohSettings(**settings))
+        publisher = Publisher(id, ZenohSettings(listen=listen, connect=connect, **settings))
     except BusError as error:
         emit(error=error.code)
         return

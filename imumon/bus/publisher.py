@@ -11,7 +11,7 @@ from __future__ import annotations
 import atexit
 import threading
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from concurrent.futures import Future, wait
 from functools import partial
 
@@ -38,9 +38,8 @@ class Publisher:
     Parameters
     ----------
     id : name of the device; `clean_id` converts it for keys.
-    listen : endpoints; empty: the first free of tcp/127.0.0.1:7448 to 7463; None: those of `settings`.
-    connect : endpoints of routers, which may be absent; None: those of `settings`.
-    settings : of ``[zenoh]``; None for the defaults.
+    settings : of ``[zenoh]``; None for the defaults. The daemon listens on its endpoints `listen`, without any on the
+        first free of tcp/127.0.0.1:7448 to 7463, and connects to routers, which may be absent, with `connect`.
 
     Attributes
     ----------
@@ -51,20 +50,11 @@ class Publisher:
     BusError : an endpoint cannot be used.
     """
 
-    def __init__(
-        self,
-        id: str,
-        *,
-        listen: Sequence[str] | None = None,
-        connect: Sequence[str] | None = None,
-        settings: ZenohSettings | None = None,
-    ) -> None:
+    def __init__(self, id: str, settings: ZenohSettings | None = None) -> None:
         settings = settings or ZenohSettings()
-        listen = tuple(settings.listen if listen is None else listen)
-        connect = tuple(settings.connect if connect is None else connect)
         self.id = clean_id(id)
         self._root = f"imumon/{self.id}"
-        for endpoint in connect:
+        for endpoint in settings.connect:
             check_endpoint(endpoint)
         self._changed = threading.Condition()  # of the next four fields
         self._newest: tuple[Report, Signals] | None = None
@@ -76,19 +66,19 @@ class Publisher:
         self._stop_connecting = threading.Event()
         self._reported_uplinks: dict[str, str | None] = {}
         self._reported_error: str | None = None
-        self._session, self.endpoints = open_local(settings, listen)
+        self._session, self.endpoints = open_local(settings)
         self._last_values = LastValues(self._root)
         self._timestamp = self._session.new_timestamp
         self._links = Links(Uplink(self._session, self._root, self._reply), self._last_values)
         self._thread = threading.Thread(target=self._run, name="imumon-bus", daemon=True)
         self._thread.start()
         atexit.register(self.close)
-        self._connect(settings, connect)
+        self._connect(settings)
 
-    def _connect(self, settings: ZenohSettings, endpoints: Sequence[str]) -> None:
+    def _connect(self, settings: ZenohSettings) -> None:
         """Start to connect to routers; unreachable ones are tried until the publisher closes."""
         attempts: list[Future[None]] = []
-        for endpoint in endpoints:
+        for endpoint in settings.connect:
             attempts.append(Future())
             run = partial(self._connect_uplink, settings, endpoint, attempts[-1])
             threading.Thread(target=run, name="imumon-uplink", daemon=True).start()

@@ -7,7 +7,7 @@ router: a router does not forward between two of its peers, because it expects t
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 
 import zenoh
 from zenoh import ext
@@ -131,8 +131,8 @@ class Links:
             link.close()
 
 
-def open_local(settings: ZenohSettings, listen: Sequence[str]) -> tuple[zenoh.Session, tuple[str, ...]]:
-    """Open the session that listens: on `listen`, or if that is empty on the first free default port.
+def open_local(settings: ZenohSettings) -> tuple[zenoh.Session, tuple[str, ...]]:
+    """Open the session that listens: on the endpoints of the settings, or without any on the first free default port.
 
     Return the session and its endpoints.
 
@@ -140,8 +140,8 @@ def open_local(settings: ZenohSettings, listen: Sequence[str]) -> tuple[zenoh.Se
     ------
     BusError : no endpoint can be used.
     """
-    if listen:
-        return open_session(settings, listen, (), access_control=True), tuple(listen)
+    if settings.listen:
+        return open_session(settings, settings.listen, (), access_control=True), settings.listen
     for endpoint in local_endpoints():
         try:
             return open_session(settings, [endpoint], (), access_control=True), (endpoint,)

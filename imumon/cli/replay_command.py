@@ -217,8 +217,9 @@ def _publisher(arguments: argparse.Namespace) -> Any:
         return nullcontext()
     from imumon.bus import BusError, Publisher
 
-    loaded = options.settings(arguments)
+    given = {"zenoh.listen": arguments.listen, "zenoh.connect": arguments.connect}
+    loaded = options.settings(arguments, given)
     try:
-        return Publisher("replay", listen=arguments.listen, connect=arguments.connect, settings=loaded.zenoh)
+        return Publisher("replay", loaded.zenoh)
     except BusError as error:
         raise options.with_origin(error, loaded) from None

@@ -50,7 +50,7 @@ class Outputs:
         BusError : an endpoint cannot be used, or another daemon has the name.
         """
         if self.bus is None:
-            self.bus = Publisher(self._settings.device.id or info.id, settings=self._settings.zenoh)
+            self.bus = Publisher(self._settings.device.id or info.id, self._settings.zenoh)
         return self.bus
 
     def release(self) -> None:

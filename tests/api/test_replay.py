@@ -24,6 +24,7 @@ from imumon.api.read_ahead import read_ahead
 from imumon.api.replay import replay
 from imumon.api.replay_options import ReplayOptions
 from imumon.bus import Publisher, Subscriber
+from imumon.config import ZenohSettings
 from imumon.documents.appendix import event_rows
 from imumon.model.report import Report, from_json
 from imumon.model.samples import Gap, SampleBlock
@@ -194,7 +195,7 @@ def test_events_are_published_beside_the_reports(tmp_path: Path) -> None:
     noise[4000:, 1] = noise[4000, 1]
     path = tmp_path / "a.npz"
     np.savez(path, t_s=np.arange(n) / 40.0, gyro_uncomp_rps=noise[:, :3], accel_uncomp_mps2=noise[:, 3:])
-    with Publisher("replay", listen=[place]) as bus, Subscriber([place]) as viewer:
+    with Publisher("replay", ZenohSettings(listen=(place,))) as bus, Subscriber([place]) as viewer:
         replay(ReplayOptions(path=str(path)), bus=bus)
         assert viewer.wait_report("replay", timeout=60.0) is not None
         until(lambda: "disturbance" in [event.kind for event in viewer.events("replay")])
@@ -203,7 +204,7 @@ def test_events_are_published_beside_the_reports(tmp_path: Path) -> None:
 def test_a_replay_on_the_bus_has_one_name_in_its_keys_and_its_reports(tmp_path: Path) -> None:
     place, path = free_endpoint(), capture(tmp_path / "run.bin")
     path.write_bytes(b'#imumon-recording {"id": "vn100-7", "rate_hz": 40.0}\n' + path.read_bytes())
-    with Publisher("replay", listen=[place]) as bus, Subscriber([place]) as viewer:
+    with Publisher("replay", ZenohSettings(listen=(place,))) as bus, Subscriber([place]) as viewer:
         final = replay(ReplayOptions(path=str(path)), bus=bus)
         report = viewer.wait_report("replay", timeout=60.0)
     assert (report.device.id, final.device.id) == ("replay", "vn100-7")

@@ -175,7 +175,7 @@ def sent(session: zenoh.Session, number: int) -> None:
 def test_publish_returns_at_once_drops_old_events_and_survives_a_bad_report() -> None:
     address = free_endpoint()
     arrived: list[Any] = []
-    with Publisher("x", listen=[address]) as publisher, plain_session(address) as session:
+    with Publisher("x", ZenohSettings(listen=(address,))) as publisher, plain_session(address) as session:
         session.declare_subscriber(
             "imumon/x/event", lambda s: arrived.append(json.loads(s.payload.to_bytes()))
         )
@@ -208,7 +208,7 @@ def test_reports_arrive_from_a_daemon_whose_clock_is_wrong_or_stepped(
     ahead: timedelta, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     address = free_endpoint()
-    with Publisher("x", listen=[address]) as publisher:
+    with Publisher("x", ZenohSettings(listen=(address,))) as publisher:
         offset, source = ahead, publisher._session.new_timestamp().get_id()
         monkeypatch.setattr(
             publisher, "_timestamp", lambda: zenoh.Timestamp(datetime.now(UTC) + offset, source)
@@ -228,7 +228,7 @@ def test_reports_arrive_from_a_daemon_whose_clock_is_wrong_or_stepped(
 
 def test_the_grade_is_published_only_when_it_changes() -> None:
     address, received = free_endpoint(), []
-    with Publisher("x", listen=[address]) as publisher, plain_session(address) as session:
+    with Publisher("x", ZenohSettings(listen=(address,))) as publisher, plain_session(address) as session:
         session.declare_subscriber(
             "imumon/x/grade", lambda s: received.append(json.loads(s.payload.to_bytes()))
         )
@@ -264,23 +264,22 @@ def test_unusable_listen_endpoints_are_refused(listen: str, code: str) -> None:
     assert "\n" not in str(error)
 
 
-def refused(id: str, **arguments: Any) -> BusError:
-    """Return the error that a publisher with these arguments raises."""
+def refused(id: str, **settings: Any) -> BusError:
+    """Return the error that a publisher with these settings raises."""
     with pytest.raises(BusError) as caught:
-        Publisher(id, **{"listen": [free_endpoint()], **arguments})
+        Publisher(id, ZenohSettings(**{"listen": [free_endpoint()], **settings}))
     return caught.value
 
 
 def test_errors_have_a_code_and_name_the_setting() -> None:
     address = free_endpoint()
-    with Publisher("x", listen=[address]):
+    with Publisher("x", ZenohSettings(listen=(address,))):
         assert refused("y", listen=[address]).code == "address_in_use"
-    options = ZenohSettings(insecure=True)
-    assert refused("x", listen=["tcp/192.0.2.1:7448"], settings=options).code == "address_not_local"
-    assert refused("x", settings=ZenohSettings(certificate="/none/a.pem")).code == "file_unreadable"
-    unknown = refused("x", settings=ZenohSettings(raw={"transport/lnk": 1}))
+    assert refused("x", listen=["tcp/192.0.2.1:7448"], insecure=True).code == "address_not_local"
+    assert refused("x", certificate="/none/a.pem").code == "file_unreadable"
+    unknown = refused("x", raw={"transport/lnk": 1})
     assert (unknown.code, unknown.setting) == ("raw_invalid", "zenoh.raw")
-    reserved = refused("x", settings=ZenohSettings(raw={"listen/endpoints": ["tcp/[::]:7447"]}))
+    reserved = refused("x", raw={"listen/endpoints": ["tcp/[::]:7447"]})
     assert (reserved.code, reserved.setting) == ("raw_not_allowed", "zenoh.raw")
     assert refused("//").code == "id_invalid"
 
@@ -289,7 +288,7 @@ def test_a_daemon_has_no_more_sessions_than_its_limit(monkeypatch: pytest.Monkey
     """One viewer too many is refused, and the first one is served on."""
     address = free_endpoint()
     monkeypatch.setattr(zenoh_session, "_MOST_SESSIONS", 1)
-    with Publisher("x", listen=[address]) as publisher:
+    with Publisher("x", ZenohSettings(listen=(address,))) as publisher:
         publisher.publish(report("x", 1))
         with Subscriber([address]) as first:
             assert first.wait_report("x", timeout=60.0)
@@ -426,7 +425,7 @@ def test_each_change_of_an_uplink_and_each_send_error_is_reported_once() -> None
         messages.extend(text for text, _ in publisher.status_changes())
         return any(text in line for line in messages)
 
-    with Publisher("a", listen=[free_endpoint()], connect=[address]) as publisher:
+    with Publisher("a", ZenohSettings(listen=(free_endpoint(),), connect=(address,))) as publisher:
         until(lambda: reported("no answer"))
         router = router_at(address)
         until(lambda: reported("connected"))

@@ -32,6 +32,7 @@ from imumon.bus import Publisher
 from imumon.cli.main import parsers
 from imumon.cli.options import only_own_device, report_of
 from imumon.cli.wait_condition import WaitCondition
+from imumon.config import ZenohSettings
 from imumon.documents.program_settings import number_lines, numbers_of
 from imumon.model.coefficients import GRADES, NOISE, GradeName
 from imumon.model.messages import grade_text
@@ -62,7 +63,7 @@ def published(made: Report, skew_s: float = 0.0, once: bool = False) -> Iterator
             if once:
                 return
 
-    with Publisher(made.device.id, listen=[place]) as bus:
+    with Publisher(made.device.id, ZenohSettings(listen=(place,))) as bus:
         thread = threading.Thread(target=publish, args=(bus,))
         thread.start()
         try:

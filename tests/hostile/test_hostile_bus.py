@@ -24,6 +24,7 @@ from waiting import until
 from zenoh import ext
 
 from imumon.bus import Publisher, Subscriber, device_states
+from imumon.config import ZenohSettings
 from imumon.model.report_json import to_json
 
 GOOD = to_json(report("b", 5))
@@ -163,8 +164,8 @@ def test_of_two_programs_with_one_name_the_first_is_shown(
     monkeypatch.setattr(device_states, "GONE_S", 1.0)
     first, second = free_endpoint(), free_endpoint()
     with (
-        Publisher("a", listen=[first]) as one,
-        Publisher("a", listen=[second]) as two,
+        Publisher("a", ZenohSettings(listen=(first,))) as one,
+        Publisher("a", ZenohSettings(listen=(second,))) as two,
         Subscriber([first, second]) as viewer,
     ):
         one.publish(report("a", 1))
@@ -200,7 +201,10 @@ def test_of_two_programs_with_one_name_the_first_is_shown(
 
 
 def test_a_forged_report_of_a_session_without_a_name_is_noticed(router: str) -> None:
-    with Publisher("a", listen=[], connect=[router]) as daemon, Subscriber([router]) as viewer:
+    with (
+        Publisher("a", ZenohSettings(listen=(), connect=(router,))) as daemon,
+        Subscriber([router]) as viewer,
+    ):
         daemon.publish(report("a", 1))
         until(lambda: viewer.reports())
         with foreign(router) as forger:
@@ -217,7 +221,7 @@ def test_a_daemon_that_restarts_or_has_two_routes_is_one_program(router: str) ->
     endpoint = free_endpoint()
     with Subscriber([endpoint, router]) as viewer:
         for start in (0, 100):
-            with Publisher("a", listen=[endpoint], connect=[router]) as daemon:
+            with Publisher("a", ZenohSettings(listen=(endpoint,), connect=(router,))) as daemon:
                 for number in range(start + 1, start + 6):
                     daemon.publish(report("a", number))
                     until(lambda number=number: viewer.reports() and _samples(viewer) == number)
