@@ -75,10 +75,8 @@ class History:
         self._events: list[tuple[float, Event]] = []
         self._power_up: PowerUp | None = None  # to write
         self._dropped = 0
-        self._save = self._closing = False
-        self._asked = self._tried = (
-            0  # numbers of barriers: the newest, and the newest that a write has passed
-        )
+        self._closing = False
+        self._asked = self._tried = 0  # how often a write was wanted, and how many of these have been tried
         self._failed: str | None = None
         self._reported: str | None = None
         self._notes: list[tuple[str, Level]] = []
@@ -110,13 +108,12 @@ class History:
             self._settle(timed, now)
             with self._changed:
                 self._pending[period.step_s, record, period.number] = timed
-                self._save |= period.complete
+                self._asked += period.complete
                 while len(self._pending) > MOST_PENDING:
                     del self._pending[next(iter(self._pending))]
                     self._dropped += 1
         with self._changed:
-            if self._save:
-                self._changed.notify_all()
+            self._changed.notify_all()
 
     def event(self, event: Event) -> None:
         """Keep an event."""
@@ -134,21 +131,15 @@ class History:
             self._power_ups.update(clock_s, now)
             self._power_up = self._power_ups.newest
 
-    def save(self) -> None:
-        """Let the thread write what is new."""
-        with self._changed:
-            self._save = True
-            self._changed.notify_all()
-
     def barrier(self) -> Callable[[], None]:
-        """Return a function that waits until what is known now is written, or cannot be.
+        """Let the thread write what is new; return a function that waits until that is written, or cannot be.
 
         A state continues behind the periods that have ended: if it were written before them, a kill between both
         would lose them.
         """
         with self._changed:
             self._asked += 1
-            number, self._save = self._asked, True
+            number = self._asked
             self._changed.notify_all()
 
         def wait() -> None:
@@ -298,8 +289,7 @@ class History:
                 self._changed.notify_all()
                 if closing:
                     break
-                self._changed.wait_for(lambda: self._save or self._closing)
-                self._save = False
+                self._changed.wait_for(lambda: self._asked > self._tried or self._closing)
 
     def _known(self, store: HistoryStore) -> PowerUps:
         """Check a file that was not opened before, judge its days, and return its power-ups."""

@@ -213,7 +213,7 @@ def test_what_cannot_be_written_waits_and_is_said_once(tmp_path: Path) -> None:
         history.add([period(number).period], RECORD, BEGIN + 3600.0 * number)
     notes: list[str] = []
     until(lambda: notes.extend(text for text, _ in history.problems()) or notes)
-    history.save()
+    history.barrier()
     time.sleep(0.1)
     assert [text.partition(":")[0] for text in notes] == ["the history cannot be written"]
     assert history.problems() == []
@@ -232,7 +232,7 @@ def test_answers_contain_what_is_not_written_yet_and_what_is_in_progress(tmp_pat
     history.add([period(1, complete=False, noise=2.0).period], RECORD, now)
     found = json.loads(history.answer("", "channel=gyro/x"))
     assert [row["complete"] for row in found] == [True, False]
-    history.save()
+    history.barrier()
     until(lambda: not history._pending)
     history.add([period(1, complete=False, noise=4.0).period], RECORD, now)
     found = json.loads(history.answer("", "channel=gyro/x"))
@@ -246,7 +246,7 @@ def test_events_of_one_kind_within_ten_minutes_are_one_with_a_count(tmp_path: Pa
     for k, kind in enumerate(("change", "disturbance", "disturbance", "disturbance")):
         stamp = datetime.fromtimestamp(now - 60 + k, UTC).isoformat()
         history.event(Event(time=stamp, kind=kind, text=f"number {k}", device="imu"))
-    history.save()
+    history.barrier()
     until(lambda: not history._events)
     found = json.loads(history.answer("event", ""))
     assert [(each["kind"], each["text"], each["count"]) for each in found] == [
