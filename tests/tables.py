@@ -12,6 +12,8 @@ from imumon.api.replay import replay
 from imumon.api.replay_options import ReplayOptions
 from imumon.model.report import Report
 from imumon.model.samples import SampleBlock
+from imumon.record import RecordOptions
+from imumon.sources.files.base import ReadOptions
 from imumon.sources.vn100 import ascii
 
 RATE = 100.0
@@ -32,9 +34,15 @@ def csv(path: Path, names: Iterable[str], *columns: np.ndarray, sep: str = ",") 
     return path
 
 
+def options(path: Path, **more: object) -> ReplayOptions:
+    """Return the options to read a file; what its columns do not state is accepted."""
+    read = ReadOptions(**({"accept": True} | more))  # type: ignore[arg-type]
+    return ReplayOptions(path=str(path), read=read, record=RecordOptions(guarded=False))
+
+
 def read(path: Path, **more: object) -> SampleBlock:
     """Return all samples of a file as one block; what its columns do not state is accepted."""
-    recording = ReplayOptions(path=str(path), **({"accept": True} | more)).open()  # type: ignore[arg-type]
+    recording = options(path, **more).open()
     blocks = [item for items in recording for item in items if isinstance(item, SampleBlock)]
     return SampleBlock(
         blocks[0].stream,
@@ -49,8 +57,7 @@ def read(path: Path, **more: object) -> SampleBlock:
 def replayed(path: Path, **more: object) -> tuple[Report, str]:
     """Return the report of a file, and the remarks on it."""
     remarks: list[str] = []
-    given = {"guarded": False, "accept": True} | more
-    report = replay(ReplayOptions(path=str(path), **given), remark=remarks.append)  # type: ignore[arg-type]
+    report = replay(options(path, **more), remark=remarks.append)
     assert [text.removeprefix(f"{path}: ") for text in remarks] == list(report.device.remarks)
     return report, "\n".join(remarks)
 

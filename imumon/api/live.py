@@ -43,6 +43,7 @@ from imumon.model.ledger import merged
 from imumon.model.samples import CHANNELS, GYRO, ChannelName, Floats, SampleBlock
 from imumon.model.saved_state import pack, restorable
 from imumon.model.system_errors import not_read, not_written
+from imumon.record import RecordOptions
 from imumon.record.record import SavedRecord
 from imumon.sources.files.array_table import IN_MEMORY, INPUT, float_array
 from imumon.sources.files.base import ROWS, OptionError, ReadOptions, RecordingError, RowSource, Samples
@@ -175,12 +176,11 @@ class Live:
             self.channels = tuple(channels)
             self._options = ReplayOptions(
                 arrays={},
-                rate_hz=checked_rate(rate_hz, alone=True),
-                guarded=guards,
-                precision=checked_precision(precision),
+                read=ReadOptions(
+                    rate_hz=checked_rate(rate_hz, alone=True), units=dict(units or {}), samples=kind
+                ),
+                record=RecordOptions(guarded=guards, precision=checked_precision(precision)),
                 filter=None if filter is None else SensorFilter.parse(filter),
-                units=dict(units or {}),
-                samples=kind,
             )
         self._table: PushedTable | None = None  # None before the first block, which may have times
         self._replayed: ReplayedRecord | None = None
@@ -243,12 +243,12 @@ class Live:
             saved = SavedLive(
                 arguments={
                     "channels": self.channels,
-                    "rate_hz": options.rate_hz,
-                    "kind": options.samples,
-                    "units": dict(options.units),
-                    "guards": options.guarded,
+                    "rate_hz": options.read.rate_hz,
+                    "kind": options.read.samples,
+                    "units": dict(options.read.units),
+                    "guards": options.record.guarded,
                     "filter": options.filter.text if options.filter else None,
-                    "precision": dict(options.precision),
+                    "precision": dict(options.record.precision),
                 },
                 origin_ns=table.origin_ns,
                 record=replayed.record.save(),
@@ -288,12 +288,11 @@ class Live:
 
     def _begin(self, *, timed: bool, origin_ns: float | None = None) -> None:
         options = self._options
-        if not timed and options.rate_hz is None:
+        if not timed and options.read.rate_hz is None:
             raise OptionError(
                 "rate_required", "there is neither a rate nor a time", "give rate_hz, or time_s"
             )
-        read = ReadOptions(rate_hz=options.rate_hz, units=options.units, samples=options.samples)
-        self._table = PushedTable(self.channels, timed, read, origin_ns)
+        self._table = PushedTable(self.channels, timed, options.read, origin_ns)
         self._replayed = ReplayedRecord(options, self._table)
         self._timed = timed
 

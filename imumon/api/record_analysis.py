@@ -33,7 +33,8 @@ from imumon.model.cures import python_caller
 from imumon.model.errors import ImumonError
 from imumon.model.report import Report
 from imumon.model.samples import INERTIAL
-from imumon.sources.files.base import OptionError, Samples
+from imumon.record import RecordOptions
+from imumon.sources.files.base import OptionError, ReadOptions, Samples
 from imumon.sources.files.columns import KINDS, check_meaning, parse_map
 
 if TYPE_CHECKING:
@@ -113,21 +114,27 @@ def analyse(
         options = ReplayOptions(
             path=path,
             arrays=arrays,
-            rate_hz=checked_rate(rate_hz, alone=arrays is not None and not has_time(arrays) and not columns),
-            guarded=guards,
-            precision=checked_precision(precision),
-            baseline=None if baseline is None else report_of(baseline),
-            convergence=convergence,
-            kind=_stream(stream),
-            columns=of_arrays | (parse_map(columns) if isinstance(columns, str) else dict(columns or {})),
-            topic=topic,
-            sensor=sensor,
-            where=where,
-            definitions=None if msg is None else os.fspath(msg),
+            read=ReadOptions(
+                rate_hz=checked_rate(
+                    rate_hz, alone=arrays is not None and not has_time(arrays) and not columns
+                ),
+                kind=_stream(stream),
+                columns=of_arrays | (parse_map(columns) if isinstance(columns, str) else dict(columns or {})),
+                topic=topic,
+                sensor=sensor,
+                where=where,
+                definitions=None if msg is None else os.fspath(msg),
+                units=given_units,
+                samples=kind,
+                accept=accept,
+            ),
+            record=RecordOptions(
+                guarded=guards,
+                precision=checked_precision(precision),
+                baseline=None if baseline is None else report_of(baseline),
+                convergence=convergence,
+            ),
             filter=None if filter is None else SensorFilter.parse(filter),
-            units=given_units,
-            samples=kind,
-            accept=accept,
         )
         sheet = None
         if datasheet is not None:
@@ -188,7 +195,9 @@ def _stream(name: str | None) -> Any:
 
 def array_remarks(options: ReplayOptions, report: Report) -> tuple[str, ...]:
     """Return remarks on what a call leaves open."""
-    open_kind = options.arrays is not None and options.samples is None and report.device.stream == "unknown"
+    open_kind = (
+        options.arrays is not None and options.read.samples is None and report.device.stream == "unknown"
+    )
     return (POINT_REMARK,) if open_kind else ()
 
 

@@ -5,20 +5,18 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
-from imumon.model import report
-from imumon.model.coefficients import default_precision
 from imumon.model.cures import option_text
 from imumon.model.errors import ImumonError
-from imumon.model.samples import Kind
+from imumon.record import RecordOptions
 from imumon.sources import registry
 from imumon.sources.clock import HostClock
 from imumon.sources.device import DeviceDriver
 from imumon.sources.files import ReadOptions, Recording, open_recording
 from imumon.sources.files.array_table import INPUT, ArrayTable
-from imumon.sources.files.base import BLOCK_BYTES, OptionError, Samples
+from imumon.sources.files.base import OptionError
 from imumon.sources.files.columns import check_meaning
 
 PACED_BLOCK_BYTES = 1 << 12
@@ -95,44 +93,18 @@ class ReplayOptions:
     ----------
     path : of the recording; empty: `arrays` are given.
     arrays : (n,), (n, 1) or (n, 3) by name, in memory; None: a file is given.
-    rate_hz : Hz, configured sample rate; None: not configured.
-    pace : clock beside which the recording passes, as from a sensor; None: as fast as possible.
-    guarded : exclude disturbances, motion and warm-up.
-    precision : 95 % half-width to reach by coefficient, as a share of its value.
-    max_loss : share of missing samples in a minute from which there is an alarm.
-    baseline : an earlier report of the same sensor, to compare with.
-    convergence : also state what a shorter record would have shown, at each doubling of its length.
-    kind : stream of a table that has several; None: the best.
-    columns : channel to ``COLUMN:UNIT`` of a table; empty: by its header.
-    topic : of a bag or log.
-    sensor : of a table or log, ``gyro`` or ``accel``, the only one that is read; None: all.
-    where : by column of a table, the value of the rows that are read; None: all rows.
+    read : how to read it.
+    record : what is computed of it.
     filter : of the sensor; used where the recording does not say. None: not known.
-    units : unit by sensor, also of ``time``; others are found by the names of columns.
-    samples : ``point``, ``average`` or ``increment``; None: by the names of columns.
-    definitions : path of a ``.msg`` file, or of a directory of them, for messages that a bag does not define.
-    accept : take what is proposed for columns that are not certain.
+    pace : clock beside which the recording passes, as from a sensor; None: as fast as possible.
     """
 
     path: str = ""
     arrays: Mapping[str, Any] | None = None
-    rate_hz: float | None = None
-    pace: HostClock | None = None
-    guarded: bool = True
-    max_loss: float = report.MAX_LOSS
-    precision: Mapping[str, float] = field(default_factory=default_precision)
-    baseline: report.Report | None = None
-    convergence: bool = False
-    kind: Kind | None = None
-    columns: Mapping[str, str] = field(default_factory=dict)
-    topic: str | None = None
-    sensor: str | None = None
-    where: Mapping[str, str] | None = None
+    read: ReadOptions = field(default_factory=ReadOptions)
+    record: RecordOptions = field(default_factory=RecordOptions)
     filter: SensorFilter | None = None
-    units: Mapping[str, str] = field(default_factory=dict)
-    samples: Samples | None = None
-    definitions: str | None = None
-    accept: bool = False
+    pace: HostClock | None = None
 
     @property
     def name(self) -> str:
@@ -141,20 +113,10 @@ class ReplayOptions:
 
     def open(self) -> Recording:
         """Open the recording; see `open_recording` and `ArrayTable`."""
-        check_meaning(self.units, self.samples)
-        options = ReadOptions(
-            self.kind,
-            self.columns,
-            self.rate_hz,
-            self.topic,
-            self.sensor,
-            self.where,
-            BLOCK_BYTES if self.pace is None else PACED_BLOCK_BYTES,
-            self.units,
-            self.samples,
-            self.definitions,
-            self.accept,
-        )
+        read = self.read
+        check_meaning(read.units, read.samples)
+        if self.pace is not None:
+            read = replace(read, block_bytes=PACED_BLOCK_BYTES)
         if self.arrays is not None:
-            return ArrayTable(self.arrays, options)
-        return open_recording(self.path, options)
+            return ArrayTable(self.arrays, read)
+        return open_recording(self.path, read)

@@ -19,7 +19,7 @@ from imumon.model.ledger import merged
 from imumon.model.report import DeviceDescription, Event, Report
 from imumon.model.report_json import MAX_ITEMS, plain
 from imumon.model.samples import ALIASED, Gap
-from imumon.record import Record, RecordOptions
+from imumon.record import Record
 from imumon.sources import registry
 from imumon.sources.device import DeviceDriver
 from imumon.sources.files import Recording
@@ -48,14 +48,7 @@ class ReplayedRecord:
     def __init__(self, options: ReplayOptions, recording: Recording) -> None:
         header = recording.header or {}
         self.recording = recording
-        record_options = RecordOptions(
-            guarded=options.guarded,
-            precision=options.precision,
-            max_loss=options.max_loss,
-            baseline=options.baseline,
-            convergence=options.convergence,
-        )
-        self.record = Record(record_options, rate_hz=options.rate_hz or header.get("rate_hz"))
+        self.record = Record(options.record, rate_hz=options.read.rate_hz or header.get("rate_hz"))
         serial, scheme = header.get("serial"), header.get("driver", registry.DEFAULT_SCHEME)
         id = header.get("id") or (f"{scheme}-{serial}" if serial else "replay")
         settings = header.get("settings", {})

@@ -87,28 +87,34 @@ def reference_sheet(arguments: argparse.Namespace) -> Any:
     return read_sheet(arguments.datasheet)
 
 
-def replay_options(arguments: argparse.Namespace, path: str, **more: Any) -> Any:
-    """Return the options of a replay; raise `ImumonError` if one of them is malformed."""
+def replay_options(arguments: argparse.Namespace, path: str, pace: Any = None, **more: Any) -> Any:
+    """Return the options of a replay, with `more` of its record; raise `ImumonError` if one of them is malformed."""
     from imumon.api.replay_options import ReplayOptions
+    from imumon.record import RecordOptions
+    from imumon.sources.files.base import ReadOptions
     from imumon.sources.files.columns import parse_map, parse_where
 
     loaded = options.settings(arguments)
-    required = loaded.report
     return ReplayOptions(
         path=path,
-        rate_hz=arguments.rate or loaded.device.rate_hz or None,
-        guarded=loaded.guards.enabled and not arguments.no_guards,
-        max_loss=loaded.alert.max_loss,
-        precision=required.precision,
-        kind=arguments.stream,
-        columns=parse_map(arguments.map) if arguments.map else {},
-        topic=arguments.topic,
-        sensor=arguments.sensor,
-        where=parse_where(arguments.where) if arguments.where else {},
+        read=ReadOptions(
+            rate_hz=arguments.rate or loaded.device.rate_hz or None,
+            kind=arguments.stream,
+            columns=parse_map(arguments.map) if arguments.map else {},
+            topic=arguments.topic,
+            sensor=arguments.sensor,
+            where=parse_where(arguments.where) if arguments.where else {},
+            definitions=arguments.msg,
+            accept=arguments.accept,
+        ),
+        record=RecordOptions(
+            guarded=loaded.guards.enabled and not arguments.no_guards,
+            max_loss=loaded.alert.max_loss,
+            precision=loaded.report.precision,
+            **more,
+        ),
         filter=arguments.filter,
-        definitions=arguments.msg,
-        accept=arguments.accept,
-        **more,
+        pace=pace,
     )
 
 
@@ -151,7 +157,8 @@ def _answered(question: Any, wanted: Any) -> Any:
         return None
     print(f"{question.proposal}\n--map ", end="", file=sys.stderr, flush=True)
     edited = sys.stdin.readline().strip() or question.proposal
-    return replace(wanted, columns=parse_map(edited), where=question.where or wanted.where)
+    read = replace(wanted.read, columns=parse_map(edited), where=question.where or wanted.read.where)
+    return replace(wanted, read=read)
 
 
 def add_replay(parser: Parser) -> None:

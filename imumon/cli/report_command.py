@@ -201,7 +201,9 @@ def _from_file(arguments: argparse.Namespace) -> Any:
         named = error.code == "topic_not_applicable" and FORMS[_form(arguments)].settings
         if not named or arguments.file == "-":
             raise
-    return replayed(replace(wanted, topic=None)).report  # it names the topic in the settings
+    return replayed(
+        replace(wanted, read=replace(wanted.read, topic=None))
+    ).report  # it names the topic in the settings
 
 
 def _check_recording(arguments: argparse.Namespace, source: str) -> None:

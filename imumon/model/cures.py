@@ -22,7 +22,7 @@ from typing import Any
 OPTIONS = {"kind": "--stream", "columns": "--map", "rate_hz": "--rate", "topic": "--topic", "sensor": "--sensor",
            "where": "--where", "definitions": "--msg", "filter": "--filter", "datasheet": "--datasheet",
            "accept": "--accept"}  # fmt: skip
-"""Option of the command line by field of `ReplayOptions`: the parser takes these names, and cures have them."""
+"""Option of the command line by field of `ReadOptions`, or name: the parser takes these, and cures have them."""
 
 ARGUMENTS = {"kind": "stream", "definitions": "msg"}
 """Arguments of `imumon.analyse` that have another name than the field."""
@@ -48,7 +48,7 @@ def option(field: str) -> str:
 
 
 def option_text(**fields: Any) -> str:
-    """Return options with their values, by the fields of `ReplayOptions`."""
+    """Return options with their values, by the names in `OPTIONS`."""
     if _in_python.get():
         return ", ".join(f"{option(field)}{_python_value(value)}" for field, value in fields.items())
     return " ".join(f"{option(field)} {shlex.quote(_shell_value(value))}" for field, value in fields.items())

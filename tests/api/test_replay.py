@@ -29,6 +29,7 @@ from imumon.documents.appendix import event_rows
 from imumon.model.report import Report, from_json
 from imumon.model.samples import Gap, SampleBlock
 from imumon.sources.files import Recording, RecordingError
+from imumon.sources.files.base import ReadOptions
 from imumon.sources.vn100 import ascii as sentences
 
 KIRAN = RECORDINGS / "kiran_stat5min.vnymr.txt.gz"
@@ -170,7 +171,7 @@ def test_a_file_that_is_no_recording_is_one_line_with_a_code(
     path = tmp_path / name
     path.write_bytes(content)
     with pytest.raises(RecordingError, match=name) as error:
-        replay(ReplayOptions(path=str(path), rate_hz=40.0))
+        replay(ReplayOptions(path=str(path), read=ReadOptions(rate_hz=40.0)))
     assert error.value.code == code
     printed = imumon("replay", path, "--rate", "40", code=1 if code == "no_sensor" else 3)
     assert printed.strip() == f"imumon: {error.value}"

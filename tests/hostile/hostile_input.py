@@ -27,9 +27,9 @@ from typing import Any
 import pytest
 from commands import imumon
 from hostile_reports import show_on_screen
+from tables import options
 
 from imumon.api.replay import replay
-from imumon.api.replay_options import ReplayOptions
 from imumon.config import ConfigError, load
 from imumon.model.errors import ImumonError
 from imumon.model.report import Report, Signal, from_json, is_device_name
@@ -111,7 +111,7 @@ def printable(text: str) -> str:
 def recording(path: Path) -> tuple[str, str]:
     remarks: list[str] = []
     try:
-        report = replay(ReplayOptions(path=str(path), guarded=False, accept=True), remark=remarks.append)
+        report = replay(options(path), remark=remarks.append)
     except ImumonError as error:
         return error.code, str(error)
     return f"{report.session.samples} samples", "\n".join(remarks)

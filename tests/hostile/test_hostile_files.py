@@ -22,7 +22,7 @@ from corpus_recordings import MARK, RECORDINGS, SAVED, SETTINGS, capture, table
 from hostile_input import Hostile, file, go_through, little_memory, printable, rows
 from logs import COMBINED, DataFlash, ulog
 from paths import ROOT
-from tables import csv, read, truth
+from tables import csv, options, read, truth
 
 from imumon.api.replay_options import ReplayOptions
 from imumon.checkpoint import Checkpoint, StateError, encode
@@ -122,7 +122,7 @@ def test_only_the_owner_can_lock_the_state(tmp_path: Path) -> None:
 
 
 def read_samples(path: Path) -> tuple[int, Recording]:
-    recording = ReplayOptions(path=str(path), accept=True).open()
+    recording = options(path).open()
     return sum(len(item) for items in recording for item in items if hasattr(item, "values")), recording
 
 
@@ -283,7 +283,7 @@ def read_damaged(path: Path, seeds: range) -> None:
         path.write_bytes(damaged(random.Random(seed), data))
         begin = time.monotonic()
         try:
-            recording = ReplayOptions(path=str(path), accept=True).open()
+            recording = options(path).open()
             for _ in recording:
                 pass
             recording.no_samples()
