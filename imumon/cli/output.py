@@ -32,7 +32,8 @@ _ASCII = str.maketrans(
 )  # fmt: skip
 
 WHOLE = "--verbose prints the whole datasheet; imumon report -o X.html writes it."
-"""Last line of a summary."""
+WHOLE_STOPPED = WHOLE.replace("report", "report FILE")
+"""Last line of a summary: without a daemon, the datasheet is that of a file, a recording or the saved state."""
 
 
 def _replace_unencodable(error: UnicodeError) -> tuple[str, int]:
@@ -157,5 +158,6 @@ def print_report(
         from imumon.documents.summary import comparison_text, summary_text
 
         comparison = comparison_text(report, baseline) if baseline is not None else None
-        last = [comparison, WHOLE] if comparison else [WHOLE]
+        last = [comparison] if comparison else []
+        last.append(WHOLE_STOPPED if report.state == "stopped" else WHOLE)
         print(summary_text(report, shutil.get_terminal_size().columns, late=late, last=last))
