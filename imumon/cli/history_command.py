@@ -235,8 +235,7 @@ def _event_lines(events: Sequence[dict[str, Any]], chosen: Any) -> Iterator[str]
     """Yield the events of the span and of the channels, oldest first."""
     shown = [event for event in events if not event["channel"] or chosen.wants(ChannelName(event["channel"]))]
     if shown:
-        earlier = len(shown) - MOST_EVENTS
-        yield f"\nevents{f', without {earlier} earlier ones' if earlier > 0 else ''}\n"
+        yield f"\nthe newest of {len(shown)} events\n" if len(shown) > MOST_EVENTS else "\nevents\n"
     for event in shown[-MOST_EVENTS:]:
         times = f" ({event['count']} times)" if event["count"] > 1 else ""
         text = (
