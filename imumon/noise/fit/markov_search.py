@@ -334,9 +334,12 @@ def markov_surface(observed: Observed, surface: Surface, samples: float, coarse:
     } | {
         center: np.linspace(0.0, 2.0 * sigma, MARKOV_GRID),
     }
-    # first the grid of the likeliest time constant alone, which is nearly that of all
+    # first the grid of the likeliest time constant alone, which is nearly that of all, then of the ends beside it
     first = finer_likelihood.at_values_of(surface, grids)
     grids = {term: near(first, term, MARKOV_GRID) for term in grids}
+    ends = [terms[0], terms[len(terms) // 2], terms[-1]]
+    wider = _summed(_of_each(likelihood, surface, ends, center, grids), ends, grids)
+    grids = {term: near(wider, term, MARKOV_GRID) for term in grids}
     for _ in range(MOST_MOVES):
         parts = _of_each(likelihood, surface, terms, center, grids)
         total = _summed(parts, terms, grids)
