@@ -38,7 +38,7 @@ from imumon.model.samples import DeviceInfo
 from imumon.model.saved_state import restorable, unpack
 from imumon.model.system_errors import OTHER_STATE, cure_of_writing
 
-FORMAT = 15
+FORMAT = 16
 """Version of what a state holds: of the attributes of all objects in it, which a test compares with this number."""
 LEVEL = 1
 """Compression level of zlib: level 6 takes one and a half times the time for 1 % less."""

@@ -25,9 +25,9 @@ from imumon.record import Record, RecordOptions
 
 RATE = 20.0
 STREAM = Stream("deltas", ("gyro/x", "gyro/y", "accel/x", "mag/x", "temperature"), "made", "startup")
-LAYOUT = "44688c64"
+LAYOUT = "9dd2ac09"
 """Digest of the names of all attributes that a state has. If it changes, so must `imumon.checkpoint.FORMAT`."""
-LAYOUT_FORMAT = 15
+LAYOUT_FORMAT = 16
 
 
 def feed(made: PlacedRecord, lengths: list[int], seed: int) -> None:

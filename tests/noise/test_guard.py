@@ -102,7 +102,7 @@ def test_white_noise_predicts_the_deviation_of_the_mean(rate: float, share: floa
     rng = np.random.default_rng(1)
     d = rng.standard_normal((1, 2000, PARTS, part))
     usable = rng.random(d.shape[1:]) < share
-    frames = FrameStatistics.of(d * usable, None if share == 1.0 else usable, np.zeros(1))
+    frames = FrameStatistics.of(d * usable, usable, np.zeros(1))
     assert np.median(frames.white) * np.sqrt(PARTS * part) == pytest.approx(1.0, rel=0.2)
 
 

@@ -56,10 +56,11 @@ and by what the level itself scatters. A knock of 3 sigma that lasts shows in no
 
 >>> noise = np.random.default_rng(1).standard_normal((1, 64, PARTS, 10))  # channels, frames, parts, samples
 >>> usual = NoiseBaseline(("mag",), frame_samples=100)
->>> usual.add(FrameStatistics.of(noise, None, usual.origin))
+>>> usable = np.ones(noise.shape[1:], dtype=bool)
+>>> usual.add(FrameStatistics.of(noise, usable, usual.origin))
 >>> float(usual.usual_sample[0].round(1)), float(usual.usual_level[0].round(1))
 (7.2, 1.2)
->>> knock = FrameStatistics.of(noise[:, :1] + 3.0, None, np.zeros(1))
+>>> knock = FrameStatistics.of(noise[:, :1] + 3.0, usable[:1], np.zeros(1))
 >>> bool(knock.peak[0, 0] > usual.usual_sample[0]), usual.moved(knock).tolist()
 (False, [[True]])
 """
@@ -240,25 +241,25 @@ class FrameStatistics:
         return cls(*(np.concatenate([getattr(f, name) for f in frames]) for name in cls.__slots__))
 
     @classmethod
-    def of(cls, distance: Floats, usable: Bools | None, origin: Floats) -> FrameStatistics:
+    def of(cls, distance: Floats, usable: Bools, origin: Floats) -> FrameStatistics:
         """Return the statistics of frames; see the formulas at the top of the file.
 
         Parameters
         ----------
         distance : (c, k, PARTS, part) channel unit, samples less `origin`; 0.0 if not usable.
-        usable : (k, PARTS, part) samples that may be assessed; None: all.
+        usable : (k, PARTS, part) samples that may be assessed.
         origin : (c,) channel unit, near the level: sums of squares lose no digits to a large level.
         """
         parts, part = distance.shape[2:]
         size = parts * part
-        count = np.full(distance.shape[1:3], part) if usable is None else usable.sum(axis=2)  # (k, PARTS)
+        count = usable.sum(axis=2)  # (k, PARTS)
         n = np.maximum(count.sum(axis=1), 1)
         filled = np.maximum((count > 0).sum(axis=1), 1)
         # a product with a vector adds along the last axis faster than `sum` does
         sums = (distance.reshape(-1, part) @ np.ones(part)).reshape(distance.shape[:3])
         mean = sums.sum(axis=2) / n
         square = np.einsum("ckpm,ckpm->ck", distance, distance) / n
-        seen = distance if usable is None else np.where(usable, distance, mean[:, :, None, None])
+        seen = np.where(usable, distance, mean[:, :, None, None])
         peak = np.maximum(seen.max(axis=(2, 3)) - mean, mean - seen.min(axis=(2, 3)))
         # A part with few samples scatters more: weighted so that full parts give the plain deviation.
         means = sums / np.maximum(count, 1) - mean[:, :, None]
@@ -288,6 +289,9 @@ def _mean_or_inf(sums: Floats, counts: Ints) -> Floats:
 
 # ---------------------------------------------------------------------- usual noise
 
+LIMITED = ("peak", "part_peak", "rms", "part_rms")
+"""Figures of a frame that have a limit of their own; its mean has one by the level."""
+
 
 @restorable
 class NoiseBaseline:
@@ -306,7 +310,6 @@ class NoiseBaseline:
     origin : (c,) channel unit, near the level: sums are relative to it and lose no digits.
     usual_sample, usual_part, usual_level : (c,) channel unit, largest usual distance of a sample and of the mean of
         a part from the mean of their frame, and of the mean of a frame from the level. inf: unknown.
-    peak_limit : (c,) channel unit, largest usual peak of a frame: `usual_sample`, or some steps of a coarse channel.
     held : (c,) axes that keep their value for many samples while others change; set from outside before each frame.
     """
 
@@ -330,14 +333,18 @@ class NoiseBaseline:
         self._recent_means = np.zeros((LEVEL_FRAMES, c))  # newest first
         self._step = np.full(c, np.inf)  # least peak of a frame but 0: a step of a quantised channel
         # before anything is learned, nothing is unusual
-        self.usual_sample, self.usual_part, self.usual_level = (np.full(c, np.inf) for _ in range(3))
-        self.peak_limit, self._part_peak_limit, self._level_limit = (np.full(c, np.inf) for _ in range(3))
-        self._rms_limit, self._part_rms_limit = np.full(c, np.inf), np.full(c, np.inf)
+        self.usual_sample, self.usual_part, self.usual_level = np.full((3, c), np.inf)
+        self._level_limit, self._limits = np.full(c, np.inf), np.full((len(LIMITED), c), np.inf)
 
     @property
     def ready(self) -> bool:
         """Whether it has learned from enough quiet frames to assess others."""
         return bool(self.frames >= READY_FRAMES)
+
+    @property
+    def peak_limit(self) -> Floats:
+        """(c,) channel unit, largest usual peak of a frame: `usual_sample`, or some steps of a coarse channel."""
+        return np.asarray(self._limits[0])
 
     @property
     def next_change(self) -> int:
@@ -409,38 +416,26 @@ class NoiseBaseline:
         log_part_rms, part_scatter = _log_scale(self._log_part_rms[:n], (2.0 * PARTS - 2.0) ** -0.5)
         rms, part_rms = np.exp(log_rms), np.exp(log_part_rms)
         median_error = np.sqrt(0.5 * np.pi / n)  # relative to the scatter of what the median is taken of
-        self.usual_sample = UNUSUAL_SIGMA * (1.0 + ERROR_MARGIN * rms_scatter * median_error) * rms
-        self.usual_part = UNUSUAL_SIGMA * (1.0 + ERROR_MARGIN * part_scatter * median_error) * part_rms
-        self.usual_level = UNUSUAL_SIGMA * self._level_scale(n, part_rms)
+        scales = (
+            (1.0 + ERROR_MARGIN * rms_scatter * median_error) * rms,
+            (1.0 + ERROR_MARGIN * part_scatter * median_error) * part_rms,
+            self._level_scale(n, part_rms),
+        )
         # A constant channel has no noise, but its mean differs from its level by rounding.
         rounding = ROUNDING * np.abs(self.origin)
-        for limit in (self.usual_sample, self.usual_part, self.usual_level):
-            np.maximum(limit, rounding, out=limit)
+        usual = np.maximum(UNUSUAL_SIGMA * np.stack(scales), rounding)
         # A single step is no knock of a channel that is mostly constant: its peaks may be some steps, and its
         # deviation one, where it begins to toggle. A channel that never changed has no step yet (inf) and no limit.
         coarse = COARSE_STEPS * rms < self._step
         steps = np.maximum(COARSE_STEPS * np.where(coarse, self._step, 0.0), rounding)
-        self.peak_limit = np.maximum(self.usual_sample, steps)
-        self._part_peak_limit = np.maximum(self.usual_part, steps)
-        self._level_limit = np.maximum(self.usual_level, steps)
-        least_rise = np.log(LEAST_UNUSUAL_RATIO)
-        self._rms_limit = np.exp(log_rms + np.maximum(UNUSUAL_SIGMA * rms_scatter, least_rise))
-        self._part_rms_limit = np.exp(log_part_rms + np.maximum(UNUSUAL_SIGMA * part_scatter, least_rise))
+        rises = np.maximum(UNUSUAL_SIGMA * np.stack((rms_scatter, part_scatter)), np.log(LEAST_UNUSUAL_RATIO))
         one_step = np.maximum(np.where(coarse, self._step, 0.0), rounding)
-        np.maximum(self._rms_limit, one_step, out=self._rms_limit)
-        np.maximum(self._part_rms_limit, one_step, out=self._part_rms_limit)
+        deviations = np.maximum(np.exp(np.stack((log_rms, log_part_rms)) + rises), one_step)
         silent = self._silent(n, coarse)
-        for limit in (
-            self.usual_sample,
-            self.usual_part,
-            self.usual_level,
-            self.peak_limit,
-            self._part_peak_limit,
-            self._level_limit,
-            self._rms_limit,
-            self._part_rms_limit,
-        ):
-            limit[silent] = np.inf
+        self.usual_sample, self.usual_part, self.usual_level = np.where(silent, np.inf, usual)
+        *peaks, level = np.maximum(usual, steps)
+        limits = np.where(silent, np.inf, np.stack((*peaks, *deviations, level)))
+        self._limits, self._level_limit = limits[:-1], limits[-1]
         self.at_rest = self._rests(n, silent)
 
     def _silent(self, n: int, coarse: Bools) -> Bools:
@@ -473,8 +468,8 @@ class NoiseBaseline:
         if not self.ready:
             return np.zeros(frames.mean.shape, dtype=bool)
         unusual = self.moved(frames)
-        unusual |= (frames.peak > self.peak_limit) | (frames.part_peak > self._part_peak_limit)
-        unusual |= (frames.rms > self._rms_limit) | (frames.part_rms > self._part_rms_limit)
+        for name, limit in zip(LIMITED, self._limits, strict=True):
+            unusual |= getattr(frames, name) > limit
         return np.asarray(unusual & frames.known[:, None], dtype=bool)
 
     def moved(self, frames: FrameStatistics) -> Bools:

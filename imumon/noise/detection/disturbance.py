@@ -43,11 +43,12 @@ frame at the new level shows that this is no knock. The sixteen frames from ther
 >>> noise[0, 20:] += 10.0
 >>> detector = DisturbanceDetector(("accel",) * 3, INERTIAL, frame_samples=100)
 >>> noise *= 1e-3  # m/s^2
->>> codes = np.zeros((60, PARTS), dtype=np.int8)
->>> detector.assess_first(noise[:, :4], None, codes[:4], 0) is not None
+>>> codes, usable = np.zeros((60, PARTS), dtype=np.int8), np.ones((60, PARTS, 10), dtype=bool)
+>>> detector.assess_first(noise[:, :4], usable[:4], codes[:4], 0) is not None
 True
 >>> for frame in range(4, 60):
-...     breaks = detector.assess(noise[:, frame : frame + 1], None, codes[frame : frame + 1], 100 * frame)
+...     rows = slice(frame, frame + 1)
+...     breaks = detector.assess(noise[:, rows], usable[rows], codes[rows], 100 * frame)
 ...     if breaks or frame in (19, 26, 27):
 ...         print(frame, detector.state.name, ReasonCode(codes[frame, 0]).name, breaks)
 19 QUIET NONE []
@@ -300,13 +301,13 @@ class DisturbanceDetector:
 
     # ------------------------------------------------------------------ frames
 
-    def assess(self, values: Floats, usable: Bools | None, codes: Codes, place: int) -> list[int]:
+    def assess(self, values: Floats, usable: Bools, codes: Codes, place: int) -> list[int]:
         """Assess frames and learn from the quiet ones; return the places of breaks on the grid.
 
         Parameters
         ----------
         values : (c, k, PARTS, part) channel unit; the baseline must not change before the last frame.
-        usable : (k, PARTS, part) samples that may be assessed; None: all.
+        usable : (k, PARTS, part) samples that may be assessed.
         codes : (k, PARTS), output.
         place : on the grid, of the first sample.
         """
@@ -315,14 +316,14 @@ class DisturbanceDetector:
             return []
         breaks = []
         for f in range(frames):
-            frame_usable = None if usable is None else usable[f : f + 1]
+            frame_usable = usable[f : f + 1]
             begin, at_rest_before = place + f * self._frame_samples, self.at_rest
             if self._assess_frame(values[:, f : f + 1], frame_usable, codes[f : f + 1], begin):
                 breaks.append(begin + self._frame_samples)
             self._note_rest(at_rest_before, begin + self._frame_samples)
         return breaks
 
-    def _assess_quiet(self, values: Floats, usable: Bools | None, codes: Codes, place: int) -> bool:
+    def _assess_quiet(self, values: Floats, usable: Bools, codes: Codes, place: int) -> bool:
         """Assess frames at once and return True, or return False: they need one decision after the other.
 
         This is the usual case, and a whole block costs hardly more than a frame. After a frame that was skipped,
@@ -345,7 +346,7 @@ class DisturbanceDetector:
         return True
 
     def assess_first(
-        self, values: Floats, usable: Bools | None, codes: Codes, place: int
+        self, values: Floats, usable: Bools, codes: Codes, place: int
     ) -> tuple[Floats, Floats] | None:
         """Assess the first frames by one another, because a record may begin with a knock; see `assess`.
 
@@ -363,7 +364,7 @@ class DisturbanceDetector:
             return None
         unusual = np.asarray(self.baseline.unusual(frames).any(axis=1), dtype=bool)
         for f in np.flatnonzero(unusual).tolist():
-            frame_usable = None if usable is None else usable[f : f + 1]
+            frame_usable = usable[f : f + 1]
             codes[f] = self._locate(self._statistics(values[:, f : f + 1], frame_usable)[1], frame_usable)
         verdicts = np.where(unusual, Verdict.SEVERAL, Verdict.USUAL).tolist()
         self._window = [*self._window, *(Verdict(verdict) for verdict in verdicts)][-WINDOW_FRAMES:]
@@ -380,34 +381,28 @@ class DisturbanceDetector:
             self.rest_changes.append((place + values.shape[1] * self._frame_samples, False))
         return reference
 
-    def _first_outliers(self, distance: Floats, usable: Bools | None) -> Bools:
+    def _first_outliers(self, distance: Floats, usable: Bools) -> Bools:
         """Return (c, k, PARTS, part) the outliers of the first frames, each compared with itself."""
         outliers = np.zeros(distance.shape, dtype=bool)
         limit = limit_of_samples(distance, usable)
         for f in range(distance.shape[1]):
             frame = slice(f, f + 1)
-            single = self.outliers.search(
-                distance[:, frame], None if usable is None else usable[frame], limit
-            )
+            single = self.outliers.search(distance[:, frame], usable[frame], limit)
             if single is not None:
                 outliers[:, frame] = single
         return outliers
 
-    def _statistics(self, values: Floats, usable: Bools | None) -> tuple[FrameStatistics, Floats]:
+    def _statistics(self, values: Floats, usable: Bools) -> tuple[FrameStatistics, Floats]:
         """Return statistics of frames, and the distance of their samples from the origin, 0.0 if not usable."""
-        distance = values - self.baseline.origin[:, None, None, None]
-        if usable is not None:
-            distance *= usable
+        distance = (values - self.baseline.origin[:, None, None, None]) * usable
         return FrameStatistics.of(distance, usable, self.baseline.origin), distance
 
-    def _without(self, outliers: Bools, distance: Floats, usable: Bools | None) -> FrameStatistics:
+    def _without(self, outliers: Bools, distance: Floats, usable: Bools) -> FrameStatistics:
         """Return the statistics of frames without outliers, all (c, k, PARTS, part)."""
-        rest: Bools = np.logical_not(outliers.any(axis=0))
-        if usable is not None:
-            rest = rest & usable
+        rest = usable & ~outliers.any(axis=0)
         return FrameStatistics.of(distance * rest, rest, self.baseline.origin)
 
-    def _assess_frame(self, values: Floats, usable: Bools | None, codes: Codes, place: int) -> bool:
+    def _assess_frame(self, values: Floats, usable: Bools, codes: Codes, place: int) -> bool:
         """Assess one frame and return whether the record breaks behind it."""
         frames, distance = self._statistics(values, usable)
         frame = self._without_outliers(frames, distance, usable)
@@ -429,9 +424,7 @@ class DisturbanceDetector:
                 self._exclude_outliers(values, frame.outliers, place)
         return False
 
-    def _without_outliers(
-        self, frames: FrameStatistics, distance: Floats, usable: Bools | None
-    ) -> AssessedFrame:
+    def _without_outliers(self, frames: FrameStatistics, distance: Floats, usable: Bools) -> AssessedFrame:
         """Compare a frame with the baseline, without its outliers if these explain what is unusual."""
         unusual = self.baseline.unusual(frames)
         # While everything is excluded, or before anything is known, the baseline is not that of this frame. It may
@@ -499,18 +492,17 @@ class DisturbanceDetector:
                     farthest[group] = Outlier(place + row, group, self.channels[c], size)
             self.single_samples += farthest.values()
 
-    def _locate(self, distance: Floats, usable: Bools | None) -> Codes:
+    def _locate(self, distance: Floats, usable: Bools) -> Codes:
         """Return (PARTS,) codes of an unusual frame: the parts that explain it, or all of them.
 
         Parameters
         ----------
         distance : (c, 1, PARTS, part) channel unit, from the origin; 0.0 if not usable.
-        usable : (1, PARTS, part) or None.
+        usable : (1, PARTS, part).
         """
         baseline = self.baseline
         from_level = distance[:, 0] - (baseline.level - baseline.origin)[:, None, None]
-        if usable is not None:
-            from_level *= usable[0]
+        from_level *= usable[0]
         # The mean of this frame contains the knock, so distances are from the level; the usual distance between
         # the two is added to the limits.
         sample_limit = baseline.usual_sample + baseline.usual_level
@@ -518,9 +510,7 @@ class DisturbanceDetector:
         differs = (np.abs(from_level) > sample_limit[:, None, None]).any(axis=(0, 2))
         differs |= (np.abs(from_level.mean(axis=2)) > part_limit[:, None]).any(axis=0)
         if 0 < differs.sum() <= LOCATED_SHARE * PARTS:
-            rest = np.array(np.broadcast_to(~differs[None, :, None], distance.shape[1:]))
-            if usable is not None:
-                rest &= usable
+            rest = usable & ~differs[None, :, None]
             # If the other parts are unusual without these, the disturbance reaches beyond them.
             if not baseline.unusual(FrameStatistics.of(distance * rest, rest, baseline.origin)).any():
                 return np.where(differs, ReasonCode.KNOCK, ReasonCode.NONE).astype(np.int8)

@@ -391,17 +391,15 @@ class Guard:
         self._repeats.learn(frames)
         self._stuck_watch.update(stuck, within_range, place)
         codes = np.zeros((frames, PARTS, valid.shape[1]), dtype=np.int8)
-        clean = bool(valid.all()) and not stuck.any()  # usual, and much faster
         by_part = (frames, PARTS, self._part_samples)
         for w, detector in enumerate(self._detectors):
             samples = values.T[detector.channels].reshape(-1, *by_part)
-            detector_codes, usable = np.zeros((frames, PARTS), dtype=np.int8), None
-            if not clean:
-                received = np.asarray(valid[:, detector.groups].all(axis=1), dtype=bool)
-                repeats = np.asarray(stuck[:, detector.groups].any(axis=1), dtype=bool)
-                # A sample at the end of the range is assessed like others. It says too little of its own sensor, but
-                # enough for a knock, and the sensor beside it must not pass unassessed.
-                usable = (received & ~repeats).reshape(by_part)
+            detector_codes = np.zeros((frames, PARTS), dtype=np.int8)
+            received = np.asarray(valid[:, detector.groups].all(axis=1), dtype=bool)
+            repeats = np.asarray(stuck[:, detector.groups].any(axis=1), dtype=bool)
+            # A sample at the end of the range is assessed like others. It says too little of its own sensor, but
+            # enough for a knock, and the sensor beside it must not pass unassessed.
+            usable = (received & ~repeats).reshape(by_part)
             detector.hold(self._repeats.held[detector.channels])
             if self._begun:
                 self._breaks += detector.assess(samples, usable, detector_codes, place)
@@ -414,8 +412,7 @@ class Guard:
                 codes[..., group] = detector_codes
                 clipped = saturated[:, group] & valid[:, group]
                 codes[clipped.reshape(by_part).any(axis=2), group] = ReasonCode.CLIPPED
-                if not clean:
-                    codes[(repeats & received).reshape(by_part).any(axis=2), group] = ReasonCode.STUCK
+                codes[(repeats & received).reshape(by_part).any(axis=2), group] = ReasonCode.STUCK
         self._codes = np.concatenate((self._codes, codes.reshape(frames * PARTS, -1)))
 
     # ------------------------------------------------------------------ output: pass frames on

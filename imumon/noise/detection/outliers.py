@@ -42,11 +42,11 @@ Example: ten parts of ten samples; one bit error is single, five in a row are a 
 
 >>> detector = OutlierDetector([0], frame_samples=100)
 >>> frame = np.random.default_rng(1).standard_normal((1, 1, PARTS, 10))
->>> frame[0, 0, 4, 2] = 50.0
->>> np.argwhere(detector.search(frame, None, limit_of_samples(frame, None))).tolist()
+>>> frame[0, 0, 4, 2], usable = 50.0, np.ones((1, PARTS, 10), dtype=bool)
+>>> np.argwhere(detector.search(frame, usable, limit_of_samples(frame, usable))).tolist()
 [[0, 0, 4, 2]]
 >>> frame[0, 0, 4, 2:7] = 50.0
->>> detector.search(frame, None, limit_of_samples(frame, None)) is None
+>>> detector.search(frame, usable, limit_of_samples(frame, usable)) is None
 True
 """
 
@@ -152,19 +152,18 @@ class OutlierDetector:
         self.tails = np.zeros(len(groups), dtype=bool)
         self.excluded_squares = np.zeros(len(groups))
 
-    def search(self, distance: Floats, usable: Bools | None, limit: Floats) -> Bools | None:
+    def search(self, distance: Floats, usable: Bools, limit: Floats) -> Bools | None:
         """Return (c, k, PARTS, part) the outliers of frames; None: no sample is far, or the far ones are a knock.
 
         Parameters
         ----------
         distance : (c, k, PARTS, part) channel unit, from any origin.
-        usable : (k, PARTS, part) samples that may be assessed; None: all.
+        usable : (k, PARTS, part) samples that may be assessed.
         limit : (c,) channel unit, from where on a sample is far from the middle of its frame.
         """
         size = np.abs(distance - _middle(distance, usable)[:, :, None, None])
         far = size > limit[:, None, None, None]
-        if usable is not None:
-            far &= usable
+        far &= usable
         if not far.any() or self._are_together(far):
             return None
         rare = ~(self.noise | self.tails)  # where outliers are noise, so is what is just short of them
@@ -239,10 +238,8 @@ class OutlierDetector:
         self.noise = self._channel_counts > most
 
 
-def _middle(distance: Floats, usable: Bools | None) -> Floats:
+def _middle(distance: Floats, usable: Bools) -> Floats:
     """Return (c, k) the median of the means of the parts of each frame, which no single sample moves."""
-    if usable is None:
-        return np.asarray(np.median(distance.mean(axis=3), axis=2))
     count = usable.sum(axis=2)
     means = np.where(count > 0, (distance * usable).sum(axis=3) / np.maximum(count, 1), np.inf)
     filled = (count > 0).sum(axis=1)
@@ -253,7 +250,7 @@ def _middle(distance: Floats, usable: Bools | None) -> Floats:
     return np.where(np.isfinite(middle), middle, 0.0)  # a frame without any sample has no outlier either
 
 
-def _noisy_beside(size: Floats, usable: Bools | None, far: Bools) -> bool:
+def _noisy_beside(size: Floats, usable: Bools, far: Bools) -> bool:
     """Return whether the samples beside a far one have more noise than the others of their frame.
 
     A burst of noise is far at its tallest samples only. Beside is what lies in the same part and in the parts next to
@@ -265,7 +262,7 @@ def _noisy_beside(size: Floats, usable: Bools | None, far: Bools) -> bool:
     size, usable, far : (c, k, PARTS, part) channel unit, distance from the middle; see `OutlierDetector.search`.
     """
     channels = np.flatnonzero(far.any(axis=(1, 2, 3)))
-    near = ~far[channels] if usable is None else ~far[channels] & usable
+    near = ~far[channels] & usable
     count, sizes = near.sum(axis=3), np.where(near, size[channels], 0.0)
     number, others = _beside_and_rest(count)
     judged = far[channels].any(axis=3) & (number > 0.0) & (others > 0.0)
@@ -284,12 +281,12 @@ def _beside_and_rest(parts: Floats | Ints) -> tuple[Floats, Floats]:
     return beside, padded.sum(axis=2, keepdims=True) - beside
 
 
-def limit_of_samples(distance: Floats, usable: Bools | None) -> Floats:
+def limit_of_samples(distance: Floats, usable: Bools) -> Floats:
     """Return (c,) the distance of an outlier, channel unit, by the samples (c, k, PARTS, part) themselves.
 
     inf if fewer than `PARTS` samples are usable: their scatter says nothing, so that none of them is an outlier.
     """
-    samples = distance.reshape(len(distance), -1) if usable is None else distance[:, usable]
+    samples = distance[:, usable]
     if samples.shape[1] < PARTS:
         return np.full(len(distance), np.inf)
     median = np.median(samples, axis=1, keepdims=True)
