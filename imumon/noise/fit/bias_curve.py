@@ -18,8 +18,6 @@ from imumon.model.samples import Floats
 from imumon.noise.blocks import BlockMeans
 from imumon.noise.fit import regressors
 from imumon.noise.fit.likelihood import Likelihood, Surface, grid_mean
-from imumon.noise.fit.model import total
-from imumon.noise.fit.normal_equations import inverse_and_log, normal_matrix
 from imumon.noise.fit.observations import BlockSeries, block_series, meeting_frequency
 from imumon.noise.fit.regressors import COLLINEAR, Regressor
 from imumon.noise.fit.slow_terms import SlowTerms
@@ -139,9 +137,7 @@ def _fitted(series: BlockSeries, u: Floats, noise: Surface | None) -> _Fit:
             likelihood.surface(noise.grids), log=noise.log, scored=noise.scored, likeliest=noise.likeliest
         )
     mean, error = grid_mean(surface, surface.beta, surface.beta_variances)
-    cosines = likelihood.cosines
-    variance = total(surface.powers, lambda term: cosines.variances[term])
-    inverse = inverse_and_log(normal_matrix(1.0 / variance[:, None], cosines.X))[0][:, :, 0]
+    inverse = likelihood.covariance(surface)
     # the noise is not known exactly: the errors are those over all N, B and K, the correlations of the likeliest
     wider = error / np.sqrt(np.diagonal(inverse))
     scale = np.array([regressor.scale for regressor in present])

@@ -36,6 +36,7 @@ Example: two bands of white noise with 100 degrees of freedom each.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -171,6 +172,11 @@ class Surface:
             for (term, grid), place in zip(self.grids.items(), places, strict=True)
         }
         return {**{term: float(power[best]) for term, power in self.scored.items()}, **on_grid, **self.beside}
+
+    def estimate(self, scored: NoiseTerm) -> tuple[float, float]:
+        """Return the power of a scored term at the greatest likelihood, and its standard error."""
+        best = self.best
+        return float(self.scored[scored][best]), math.sqrt(float(self.scored_variances[scored][best]))
 
     @property
     def sensor_powers(self) -> dict[NoiseTerm, float]:
@@ -399,10 +405,17 @@ class Likelihood:
     def residuals(self, surface: Surface) -> tuple[Floats, Floats]:
         """Return (n,) the single coefficients without the likeliest regression, and (n,) the share that it leaves."""
         y, X = self.cosines.y, self.cosines.X
-        w = 1.0 / total(surface.powers, lambda term: self.cosines.variances[term])
-        inverse = inverse_and_log(normal_matrix(w[:, None], X))[0][:, :, 0]
-        left = 1.0 - w * np.einsum("nq,qr,nr->n", X, inverse, X)
+        left = 1.0 - np.einsum("nq,qr,nr->n", X, self.covariance(surface), X) / self.slow_noise(surface)
         return y - X @ surface.beta[surface.best], np.asarray(left)
+
+    def slow_noise(self, surface: Surface) -> Floats:
+        """Return (n,) the variances of the single coefficients by the likeliest noise."""
+        return total(surface.powers, lambda term: self.cosines.variances[term])
+
+    def covariance(self, surface: Surface, used: Sequence[bool] | None = None) -> Floats:
+        """Return (q, q) the covariance of the likeliest regression, or of that on the regressors in use alone."""
+        X = self.cosines.X if used is None else self.cosines.X[:, used]
+        return inverse_and_log(normal_matrix(1.0 / self.slow_noise(surface)[:, None], X))[0][:, :, 0]
 
     def at_powers(
         self, powers: Mapping[NoiseTerm, Floats], surface: Surface, more: Mapping[NoiseTerm, Floats]
@@ -438,7 +451,7 @@ class Likelihood:
         chi-square. So a group of one coefficient counts as much as one of sixteen.
         """
         residual, left = self.residuals(surface)
-        ratio = residual**2 / total(surface.powers, lambda term: self.cosines.variances[term])
+        ratio = residual**2 / self.slow_noise(surface)
         starts = np.array([n for n in SLOW_GROUPS if n < residual.size], dtype=np.int64)
         if not starts.size:
             return 0.0, 0.0

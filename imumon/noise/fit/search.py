@@ -391,10 +391,9 @@ class ModelSearch:
         """
         if not self._count or upper_end.shape is not UpperShape.QUANTISED:
             return True
-        surface = self._fit(upper_end)[1]
-        power, variance = (part[WHITE][surface.best] for part in (surface.scored, surface.scored_variances))
+        power, error = self._fit(upper_end)[1].estimate(WHITE)
         # as much as it may be: with few octaves left, N that is low by chance is no reason to state nothing
-        most = (float(power) + LIMIT_95 * float(np.sqrt(variance))) * 2.0**upper_end.octaves_left_out
+        most = (power + LIMIT_95 * error) * 2.0**upper_end.octaves_left_out
         return most >= (INDEPENDENT_COUNTS * self._count) ** 2
 
     def _shows_white(self, upper_end: UpperEnd) -> bool:
@@ -516,16 +515,11 @@ class ModelSearch:
         record does not show the bend. Where N^2 is less certain than what the rounding adds, it makes no difference.
         """
         rounding = ROUNDING_VARIANCE * self._step**2
-        variance = surface.scored_variances[WHITE][surface.best]
         # a fifth of the standard error is a tenth of the distance from N to its limit
-        if upper_end != UpperEnd() or 25.0 * rounding**2 <= float(variance):
+        if upper_end != UpperEnd() or 5.0 * rounding <= surface.estimate(WHITE)[1]:
             return False
-        quantised = self._fit(UpperEnd(shape=UpperShape.QUANTISED))[1]
-        power, variance = (
-            float(part[QUANTISATION][quantised.best])
-            for part in (quantised.scored, quantised.scored_variances)
-        )
-        return power + LIMIT_95 * math.sqrt(variance) >= rounding
+        power, error = self._fit(UpperEnd(shape=UpperShape.QUANTISED))[1].estimate(QUANTISATION)
+        return power + LIMIT_95 * error >= rounding
 
     def _without_markov(self, upper_end: UpperEnd, error: float) -> Alternatives:
         """Return the models without Gauss–Markov noise: with and without a regressor in doubt."""
@@ -571,13 +565,12 @@ class ModelSearch:
         for octaves in range(max(upper_end.octaves_left_out - 1, 0), upper_end.octaves_left_out + 2):
             other = replace(upper_end, octaves_left_out=octaves)
             if octaves == upper_end.octaves_left_out or self._shows_white(other):
-                surface = self._fit(other)[1]
-                powers.append(np.log(surface.scored[WHITE][surface.best]))
-                error = np.sqrt(surface.scored_variances[WHITE][surface.best])
-                errors.append(error / surface.scored[WHITE][surface.best])
+                power, error = self._fit(other)[1].estimate(WHITE)
+                powers.append(math.log(power))
+                errors.append(error / power)
         apart, by_chance = np.diff(powers) ** 2, np.abs(np.diff(np.square(errors)))
         if not apart.size:
-            return float(errors[0])  # nothing to compare with: as uncertain as by the statistics, once more
+            return errors[0]  # nothing to compare with: as uncertain as by the statistics, once more
         return float(np.sqrt(np.maximum(apart - by_chance, 0.0).mean()))
 
     def _markov_peaks(self, upper_end: UpperEnd, error: float = 0.0) -> Peaks | None:
@@ -627,6 +620,5 @@ def _error(likelihood: Likelihood, surface: Surface) -> float:
 
 def _shows(surface: Surface) -> bool:
     """Return whether N^2 is known well at the greatest likelihood."""
-    best = surface.best
-    error = np.sqrt(surface.scored_variances[WHITE][best])
-    return bool(error < MOST_ERROR * surface.scored[WHITE][best])
+    power, error = surface.estimate(WHITE)
+    return error < MOST_ERROR * power

@@ -60,12 +60,11 @@ from imumon.noise.fit.likelihood import (
     upper_limit,
     without,
 )
-from imumon.noise.fit.model import GRIDDED, QUANTISATION, WHITE, NoiseTerm, total
+from imumon.noise.fit.model import GRIDDED, QUANTISATION, WHITE, NoiseTerm
 from imumon.noise.fit.model_curve import (
     VISIBLE,
     moved_variances,
 )
-from imumon.noise.fit.normal_equations import inverse_and_log, normal_matrix
 from imumon.noise.fit.observations import meeting_frequency
 from imumon.noise.fit.oscillations import moved, periods
 from imumon.noise.fit.popcorn import TwoLevels, two_levels
@@ -408,8 +407,7 @@ def _coefficients(
         estimates |= _correlated(model)
     if QUANTISATION in surface.scored:
         # at the greatest likelihood: beside white noise it hardly depends on B and K
-        power = float(surface.scored[QUANTISATION][surface.best])
-        error = math.sqrt(float(surface.scored_variances[QUANTISATION][surface.best]))
+        power, error = surface.estimate(QUANTISATION)
         if power > math.sqrt(EVIDENCE) * error:
             low, high = (math.sqrt(max(power + sign * LIMIT_95 * error, 0.0)) for sign in (-1, 1))
             estimates[QUANTISATION] = Estimate(value=math.sqrt(power), low=low, high=high, status="measured")
@@ -612,12 +610,12 @@ def _is_collinear(model: Model) -> bool:
     if "temperature" not in names:
         return False
     straight = [regressor.name not in BENT for regressor in model.slow.regressors]
-    cosines = model.likelihood.cosines
-    v = total(model.surface.powers, lambda term: cosines.variances[term])
-    inverse = inverse_and_log(normal_matrix(1.0 / v[:, None], cosines.X[:, straight]))[0][:, :, 0]
+    covariance = model.likelihood.covariance(model.surface, straight)
     # the drift that is stated is that of the last segment
     one, two = len(names) - 1 - names[::-1].index("drift"), names.index("temperature")
-    return bool(abs(inverse[one, two]) > COLLINEAR * math.sqrt(inverse[one, one] * inverse[two, two]))
+    return bool(
+        abs(covariance[one, two]) > COLLINEAR * math.sqrt(covariance[one, one] * covariance[two, two])
+    )
 
 
 def _step(model: Model, regressors: tuple[RegressorEstimate, ...]) -> StepEstimate | None:
