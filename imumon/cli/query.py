@@ -162,11 +162,6 @@ def wait(arguments: argparse.Namespace) -> int:
                 if stopped and stopped != before:
                     print_status("")
                     print_message(f"{report.device.id}: {stopped}")
-                if condition.unknown_channel(report):
-                    raise CommandError("unknown_channel", f"--channel: {unmet}", "name one of these", USAGE)
-                if condition.without_grade(report):
-                    cure = "name gyro or accel with --channel, or give --coefficient"
-                    raise CommandError("no_graded_channel", f"--grade: {unmet}", cure, USAGE)
                 print_status(unmet)
                 if not sys.stderr.isatty() and time.monotonic() >= spoken_s + SPEAKS_S:
                     spoken_s = time.monotonic()

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from imumon.cli.exit_codes import USAGE, CommandError
 from imumon.model.coefficients import NOISE, SCALE, GradeName
 from imumon.model.messages import grade_text
 from imumon.model.readiness import USUAL_RECORD_S, seconds_left
@@ -39,21 +40,27 @@ class WaitCondition:
     channels: tuple[str, ...] = ()
 
     def unmet(self, report: Report) -> str | None:
-        """Return what is missing, in a few words; None when the condition holds."""
+        """Return what is missing, in a few words; None when the condition holds.
+
+        Raises
+        ------
+        CommandError : no report of this device will meet it.
+        """
+        known = {part for name in report.channels for part in (name, name.sensor)}
+        if unknown := [name for name in self.channels if known and name not in known]:
+            text = f"the report has no {unknown[0]}; it has {', '.join(report.channels)}"
+            raise CommandError("unknown_channel", f"--channel: {text}", "name one of these", USAGE)
+        chosen = self._chosen(report)
+        if self.grade and chosen and not any(name.sensor in INERTIAL for name in chosen):
+            cure = "name gyro or accel with --channel, or give --coefficient"
+            text = "--grade: only gyroscope and accelerometer have grades"
+            raise CommandError("no_graded_channel", text, cure, USAGE)
         if not report.session.samples:
             return f"no sample yet, the daemon is {report.state}"
-        if unknown := self.unknown_channel(report):
-            return f"the report has no {unknown}; it has {', '.join(report.channels)}"
-        chosen = self._chosen(report)
         if not chosen and (self.grade or self.coefficient):
             return "the report has neither gyroscope nor accelerometer"
         unmet = self._unmet_grade(report, chosen) if self.grade else None
         return unmet or self._unmet_precision(report, chosen)
-
-    def unknown_channel(self, report: Report) -> str | None:
-        """Return the first of `channels` that the report lacks; None while it has no channels at all."""
-        known = {part for name in report.channels for part in (name, name.sensor)}
-        return next((name for name in self.channels if known and name not in known), None)
 
     def description(self, report: Report) -> str:
         """Return what holds of a report that meets the condition, as far as it is part of the condition."""
@@ -69,11 +76,6 @@ class WaitCondition:
             sensors = {name.sensor for name in chosen}
             parts += [f"{s} {grade_text(g)}" for s, g in report.grade.items() if s in sensors and g.meets]
         return "; ".join(parts) or report.state
-
-    def without_grade(self, report: Report) -> bool:
-        """Return whether a grade is required of channels that have none, such as those of a magnetometer."""
-        chosen = self._chosen(report)
-        return self.grade is not None and bool(chosen) and not any(c.sensor in INERTIAL for c in chosen)
 
     def unreachable_grade(self, report: Report) -> GradeName | None:
         """Return the best grade that a sensor may have, if the required one is better; None while it may be reached."""
@@ -91,8 +93,7 @@ class WaitCondition:
 
     def _unmet_grade(self, report: Report, chosen: dict[ChannelName, Channel]) -> str | None:
         assert self.grade is not None
-        sensors = [s for s in INERTIAL if any(name.sensor == s for name in chosen)]
-        for sensor in sensors:
+        for sensor in (s for s in INERTIAL if any(name.sensor == s for name in chosen)):
             grade = report.grade.get(sensor, SensorGrade())
             if grade.meets is None:
                 return f"{sensor} has no grade yet{f': {grade.reason}' if grade.reason else ''}"
@@ -100,7 +101,7 @@ class WaitCondition:
                 by = grade.decided_by
                 decided = f" by {by.coefficient} of {by.axis}" if by else ""
                 return f"{sensor} {grade_text(grade)}{decided}{f': {grade.reason}' if grade.reason else ''}"
-        return None if sensors else "only gyroscope and accelerometer have grades"
+        return None
 
     def _unmet_precision(self, report: Report, chosen: dict[ChannelName, Channel]) -> str | None:
         if self.coefficient is None or self.precision is None:

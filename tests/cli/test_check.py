@@ -29,6 +29,7 @@ from waiting import until
 
 from imumon.api.measurement import Measurement
 from imumon.bus import Publisher
+from imumon.cli.exit_codes import CommandError
 from imumon.cli.main import parsers
 from imumon.cli.options import only_own_device, report_of
 from imumon.cli.wait_condition import WaitCondition
@@ -241,9 +242,9 @@ def test_a_precision_needs_every_axis_measured(long: Report) -> None:
     assert "K of accel/z is only bounded" in str(WaitCondition(coefficient="K", precision=0.9).unmet(bounded))
     assert WaitCondition(coefficient="N", precision=0.5, channels=("mag/x",)).unmet(long) is None
     condition = WaitCondition(coefficient="N", precision=0.5, channels=("mag/q",))
-    assert condition.unknown_channel(long) == "mag/q"
-    assert condition.unknown_channel(replace(long, channels={})) is None  # its channels are not known yet
-    assert "no mag/q" in str(WaitCondition(coefficient="N", precision=0.1, channels=("mag/q",)).unmet(long))
+    assert condition.unmet(replace(long, channels={}))  # its channels are not known yet
+    with pytest.raises(CommandError, match="no mag/q"):
+        condition.unmet(long)
 
 
 def test_only_a_daemon_with_a_locked_state_is_the_own_one(

@@ -8,6 +8,7 @@ from __future__ import annotations
 import json
 import random
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from dataclasses import replace
 from functools import cache
 from typing import Any
@@ -15,6 +16,7 @@ from typing import Any
 import reports
 from paths import ROOT
 
+from imumon.cli.exit_codes import CommandError
 from imumon.cli.wait_condition import WaitCondition
 from imumon.documents import FORMS, NoCurve, document
 from imumon.documents.summary import comparison_text, summary_text
@@ -128,8 +130,9 @@ def show_everywhere(report: Report, signal: Signal | None, events: tuple[Event, 
         *(WaitCondition(coefficient=letter, precision=0.05) for letter in "NBK"),
         WaitCondition(coefficient="N", precision=0.05, channels=("other", "gyro")),
     ):
-        if condition.unmet(report) is None:
-            condition.description(report)
+        with suppress(CommandError):  # a channel that the report lacks
+            if condition.unmet(report) is None:
+                condition.description(report)
     filters = filter_report(report, DEFAULT_HORIZON_S)
     for form in FORMS:
         if drawn or form not in DRAWN_FORMS:
