@@ -56,7 +56,7 @@ class BinaryField:
 _XYZ, _ONE = (0, 3), (0, 1)
 # The names do not show it: ``imu`` is uncompensated and has the accelerometer first; the magnetic field of ``magPres``
 # is compensated.
-_QUANTITIES: dict[str, dict[str, tuple[int, int]]] = {
+QUANTITIES: dict[str, dict[str, tuple[int, int]]] = {
     "timeStartup": {"startup": _ONE}, "vpeStatus": {"vpe": _ONE}, "sensSat": {"sat": _ONE},
     "angularRate": {"gyro": _XYZ}, "accel": {"accel": _XYZ}, "mag": {"mag": _XYZ},
     "uncompGyro": {"ugyro": _XYZ}, "uncompAccel": {"uaccel": _XYZ}, "uncompMag": {"umag": _XYZ},
@@ -73,7 +73,7 @@ def _group(text: str) -> dict[int, BinaryField]:
     for bit, entry in enumerate(text.split()):
         name, code, width = entry.split(":") if ":" in entry else (entry, "f4", "3")
         if name != "-":
-            fields[bit] = BinaryField(name, f"<{code}", int(width), _QUANTITIES.get(name, {}))
+            fields[bit] = BinaryField(name, f"<{code}", int(width), QUANTITIES.get(name, {}))
     return fields
 
 

@@ -15,6 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from imumon.model.samples import Floats, Ints
+from imumon.sources.vn100.binary import QUANTITIES
 from imumon.sources.vn100.emulator.sensor_model import (
     ACCEL,
     GYRO,
@@ -25,13 +26,8 @@ from imumon.sources.vn100.emulator.sensor_model import (
 )
 from imumon.sources.vn100.registers import FILTERED
 
-_COMPOSED = {
-    "angularRate": ("gyro",), "imu": ("uaccel", "ugyro"), "magPres": ("mag", "temp", "pres"),
-    "deltas": ("dt", "dtheta", "dvel"), "deltaTheta": ("dt", "dtheta"), "deltaVel": ("dvel",),
-    "uncompMag": ("umag",), "uncompAccel": ("uaccel",), "uncompGyro": ("ugyro",),
-    "magNed": ("mag",), "accelNed": ("accel",),
-}  # fmt: skip
-"""Fields of the binary outputs that consist of other quantities, side by side."""
+_COMPOSED = {**QUANTITIES, "magNed": ("mag",), "accelNed": ("accel",)}
+"""Fields of the binary outputs that consist of other quantities, side by side: here, north is ahead."""
 
 _READINGS = {
     "gyro": ("gyro", True), "ugyro": ("gyro", False), "accel": ("accel", True), "uaccel": ("accel", False),
@@ -90,12 +86,12 @@ class MeasurementOutput:
         return self._values[name]
 
     def _compute(self, name: str) -> npt.NDArray[Any]:
-        if name in _COMPOSED:
-            return np.concatenate([self[part] for part in _COMPOSED[name]], axis=1)
         if name in _READINGS:
             sensor, compensated = _READINGS[name]
             place, length = FILTERED.index(sensor), len(FILTERED)
             applies = self._averages[place + length] >> compensated & 1
             window = self._averages[place] if applies else 0
             return self._model.mean(self._ticks, _COLUMNS[sensor], window)
+        if name in _COMPOSED:
+            return np.concatenate([self[part] for part in _COMPOSED[name]], axis=1)
         return np.tile(_FIXED.get(name, (0.0,)), (len(self._ticks), 1))
