@@ -98,8 +98,8 @@ def measure(hours: float, seed: int) -> tuple[Report, EmulatorSettings]:
     monitor.flush()
     registers = {
         "75 binary output 1": ",".join(OUTPUT),
-        "82 delta theta and delta velocity": ",".join(sensor.registers.read(82)),
-        "85 IMU filtering": ",".join(sensor.registers.read(85)),
+        "82 delta theta and delta velocity": ",".join(sensor.registers[82]),
+        "85 IMU filtering": ",".join(sensor.registers[85]),
     }
     device = DeviceDescription(
         id=f"vn100-{settings.serial}",

@@ -14,7 +14,6 @@ from imumon.sources.ports import BAUD_RATES
 from imumon.sources.vn100.emulator import EmulatorSettings
 from imumon.sources.vn100.emulator.command_handler import CommandHandler
 from imumon.sources.vn100.emulator.emulator import make_device
-from imumon.sources.vn100.registers import REGISTERS
 from imumon.sources.vn100.vn100_session import Vn100Session
 
 STEP_S = 0.02
@@ -105,8 +104,7 @@ class Bench:
 
     def registers(self) -> dict[int, tuple[str, ...]]:
         """Return the settings of the sensor."""
-        memory = self.device.registers
-        return {register: memory.read(register) for register in REGISTERS if register in memory}
+        return dict(self.device.registers)
 
     def session(self, settings: DeviceSettings = DeviceSettings(), **more: object) -> Vn100Session:  # noqa: B008
         return Vn100Session(self, settings, self.clock, **more)  # type: ignore[arg-type]

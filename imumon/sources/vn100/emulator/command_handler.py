@@ -75,12 +75,12 @@ class CommandHandler:
 
     @property
     def baud(self) -> int:
-        return int(self.registers.read(RegisterNumber.BAUD)[0])
+        return int(self.registers[RegisterNumber.BAUD][0])
 
     def set_register(self, register: int, *values: str) -> None:
         """Write a register of the active port and save it."""
         REGISTERS[register].check(values)
-        self.registers.write(register, values)
+        self.registers[register] = values
         self.registers.save()
         self.outputs.update()
 
@@ -182,7 +182,7 @@ class CommandHandler:
             return ascii.numbers(message, self.outputs.columns(message, measurements)[0].tolist())
         if register.access == "fixed":
             return register.factory_values
-        return self.registers.read(register.id)
+        return self.registers[register.id]
 
     def _write_register(self, number: str, *values: str) -> Sequence[str]:
         """Write a register; refuse what the sensor refuses."""
@@ -194,10 +194,10 @@ class CommandHandler:
         register.check(values)
         if register.id in registers.BINARY_OUTPUTS and int(values[2], 16):
             binary_layout(values[2:])
-        before = self.registers.read(register.id)
-        self.registers.write(register.id, values)
+        before = self.registers[register.id]
+        self.registers[register.id] = tuple(values)
         if register.id in _AFFECT_LOAD and self.outputs.bytes_per_second() > self.baud / 10:
-            self.registers.write(register.id, before)
+            self.registers[register.id] = before
             raise RegisterError(ErrorCode.BAUD_RATE_TOO_LOW, "the output does not fit the baud")
         self.outputs.update()
         return (f"{register.id:02d}", *values, *ports)

@@ -101,7 +101,7 @@ class OutputStreams:
             encode = partial(self._sentences, message)
             streams.append(OutputStream(LOOP_RATE // rate, length, message == "VNDTV", encode))
         for number in BINARY_OUTPUTS:
-            mode, divisor, *words = registers.read(number)
+            mode, divisor, *words = registers[number]
             if int(mode) & self._port and int(divisor) and int(words[0], 16):
                 streams.append(_binary_stream(binary_layout(words), int(divisor)))
         return streams
