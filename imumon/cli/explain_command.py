@@ -29,7 +29,11 @@ def explain(arguments: argparse.Namespace) -> int:
 
     word = " ".join(arguments.word)
     if not word:
-        print(textwrap.fill(", ".join(entry.word for entry in glossary.explanations()), _width()))
+        print(
+            textwrap.fill(
+                ", ".join(entry.word for entry in glossary.explanations()), _width(), break_on_hyphens=False
+            )
+        )
         return SUCCESS
     entry = glossary.explain(word)
     errors = [] if entry is not None else [row for row in errors_listed() if word.strip().lower() in row[0]]

@@ -364,7 +364,7 @@ def parse_map(text: str) -> dict[str, str]:
     return fields
 
 
-MAP_KEYS = (*SENSORS.values(), *CHANNELS, "t", "dt", "rate")
+MAP_KEYS = (*dict.fromkeys(SENSORS.values()), *CHANNELS, "t", "dt", "rate")
 """Names of a map: a sensor with its axes, a channel, the time, the interval, the rate."""
 
 
