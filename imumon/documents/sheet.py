@@ -240,6 +240,6 @@ def _sheet_text(report: Report) -> str:
         ),
         "Above: the whole interval is above the value",
         *(f"N of {' and '.join(sensors)} may be above: {text}" for text, sensors in reasons.items()),
-        " ".join((sheet.note or "").split()).rstrip("."),
+        (sheet.note or "").rstrip("."),
     ]
     return f"{'. '.join(filter(None, parts))}."

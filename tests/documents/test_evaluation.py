@@ -216,6 +216,7 @@ def test_only_the_data_sheet_of_the_measured_model_is_used() -> None:
         assert ("data sheet" in text) == (title is not None)
         assert "laboratory" not in text
     assert sheet_of_model(None) is None
+    assert "250 times a second, unfiltered" in (published()["vn-100"].note or "")  # two lines of the file
 
 
 def test_n_that_aliasing_raises_is_not_said_to_be_above() -> None:

@@ -148,7 +148,8 @@ def _parsed(data: bytes, path: str) -> ReferenceSheet:
         limits = table.get("limit", [])
         for part, names in ((table, NAMES), *((limit, NAMES_OF_LIMIT) for limit in limits)):
             check(part.keys() <= names, f"unknown field {', '.join(sorted(map(repr, part.keys() - names)))}")
-        return _READER.part(ReferenceSheet, {**table, "limits": limits})
+        one_line = {name: " ".join(text.split()) for name, text in table.items() if isinstance(text, str)}
+        return _READER.part(ReferenceSheet, {**table, **one_line, "limits": limits})
     except (ValueError, TypeError, AttributeError) as error:  # TOMLDecodeError and UnicodeDecodeError too
         text = plain(f"{path} is no reference sheet: {error}")
         raise SheetError("datasheet_invalid", text, cure) from None
