@@ -14,7 +14,7 @@ from typing import Any
 
 from imumon.model.messages import caveats, grade_text, loss_label
 from imumon.model.report import Report
-from imumon.model.units import duration
+from imumon.model.units import duration, in_columns
 
 GRACE_S = 0.5
 """s beyond two periods that a report may be old, and that the next one is waited for."""
@@ -78,7 +78,7 @@ def grades_text(report: Report) -> str:
 
 def status_lines(reports: dict[str, tuple[Report, float]]) -> list[str]:
     """Return a line about each device: name, state, age, grades, loss and caveats, in columns."""
-    rows = [
+    return in_columns(
         (
             name,
             report.state,
@@ -88,6 +88,4 @@ def status_lines(reports: dict[str, tuple[Report, float]]) -> list[str]:
             ", ".join(caveats(report)) or "no caveats",
         )
         for name, (report, age_s) in reports.items()
-    ]
-    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-    return ["  ".join(map(str.ljust, row, widths)).rstrip() for row in rows]
+    )

@@ -8,7 +8,6 @@ import sys
 import textwrap
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from datetime import datetime
 from itertools import chain
 from pathlib import Path
 from typing import Any
@@ -24,7 +23,7 @@ from imumon.model.errors import ImumonError
 from imumon.model.history_report import STEPS, HistoryRow, history_rows, objects
 from imumon.model.messages import matching
 from imumon.model.samples import UNITS, ChannelName
-from imumon.model.units import duration, measured, number, plus_minus, pretty
+from imumon.model.units import duration, in_columns, measured, number, plus_minus, pretty
 
 WIDTH = 80
 """Cells of a line for people."""
@@ -193,17 +192,11 @@ def _table(objects: Iterable[dict[str, Any]], channels: Sequence[str]) -> Iterat
         heads = [
             f"{letter} {pretty(unit.unit)}" if unit else "" for letter, unit in zip(NOISE, units, strict=True)
         ]
-        lines = [
-            (f"{channel}, step {periods[0].step}", f"mean {pretty(unit)}", *heads, "°C"),
-            *map(_cells, periods),
-        ]
-        widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
-        for cells, notes in zip(lines, ["", *map(_notes, periods)], strict=True):
-            yield "  ".join(f"{cell:<{n}}" for cell, n in zip(cells, widths, strict=True)).rstrip() + "\n"
-            yield from (
-                f"{text}\n"
-                for text in textwrap.wrap(notes, WIDTH, initial_indent=_INDENT, subsequent_indent=_INDENT)
-            )
+        title = (f"{channel}, step {periods[0].step}", f"mean {pretty(unit)}", *heads, "°C")
+        lines = in_columns([title, *map(_cells, periods)])
+        for line, notes in zip(lines, ["", *map(_notes, periods)], strict=True):
+            below = textwrap.wrap(notes, WIDTH, initial_indent=_INDENT, subsequent_indent=_INDENT)
+            yield "\n".join([line, *below, ""])
     if not parts:
         of = f" of {', '.join(channels)}" if channels else ""
         yield f"no rows{of} in this time\n"
@@ -238,10 +231,8 @@ def _event_lines(events: Sequence[dict[str, Any]], chosen: Any) -> Iterator[str]
         yield f"\nthe newest of {len(shown)} events\n" if len(shown) > MOST_EVENTS else "\nevents\n"
     for event in shown[-MOST_EVENTS:]:
         times = f" ({event['count']} times)" if event["count"] > 1 else ""
-        text = (
-            f"{datetime.fromisoformat(event['time']):%Y-%m-%d %H:%M} {event['kind']}: {event['text']}{times}"
-        )
-        yield from (f"{line}\n" for line in textwrap.wrap(text, WIDTH, subsequent_indent=_INDENT))
+        text = f"{event['time'][:16].replace('T', ' ')} {event['kind']}: {event['text']}{times}"
+        yield f"{textwrap.fill(text, WIDTH, subsequent_indent=_INDENT)}\n"
 
 
 def _slope(sensor: str, part: Estimate | None) -> list[str]:

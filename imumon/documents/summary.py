@@ -37,7 +37,7 @@ from imumon.model.messages import (
 from imumon.model.readiness import readiness
 from imumon.model.report import Report
 from imumon.model.samples import TEMPERATURE
-from imumon.model.units import duration, pretty, share_text
+from imumon.model.units import duration, in_columns, pretty, share_text
 
 LINES = 23
 """Lines of a summary: a terminal of 80 x 24 cells also shows the prompt."""
@@ -154,11 +154,7 @@ def _channel_rows(report: Report, width: int) -> list[str]:
     """Return a line per axis below a heading per sensor; without correlated noise where it has no room."""
     lines: list[str] = []
     for letters in (shown_letters(report.channels.values()), NOISE):
-        rows = list(_channel_cells(report, letters))
-        widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-        lines = [
-            " ".join(f"{cell:<{n}}" for cell, n in zip(row, widths, strict=True)).rstrip() for row in rows
-        ]
+        lines = in_columns(_channel_cells(report, letters), " ")
         if max(map(len, lines), default=0) <= width:
             break
     return [*lines, *([uncertainty(indistinct=has_indistinct(report))] if lines else [])]

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Iterable, Sequence
 from itertools import pairwise
 
 DEG = math.degrees(1.0)
@@ -135,6 +136,17 @@ def counted(count: int, what: str) -> str:
     ('1 gap', '1,200 samples')
     """
     return f"{count:,} {what}{'' if count == 1 else 's'}"
+
+
+def in_columns(rows: Iterable[Sequence[str]], gap: str = "  ") -> list[str]:
+    """Return rows of cells as lines, whose columns are as wide as their longest cell.
+
+    >>> in_columns([("gyro", "0.21"), ("acceleration", "1")])
+    ['gyro          0.21', 'acceleration  1']
+    """
+    lines = list(rows)
+    widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
+    return [gap.join(map(str.ljust, line, widths)).rstrip() for line in lines]
 
 
 def duration(seconds: float) -> str:
