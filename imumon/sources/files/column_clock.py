@@ -21,6 +21,7 @@ from imumon.model.units import DAY, share_text
 from imumon.sources.files.base import ReadOptions, RecordingError
 from imumon.sources.files.column_names import COUNTER, FEWEST, TIME, NamedColumn, label_of, names_sensor
 from imumon.sources.files.columns import SINCE_1970_S, Use, factors_of, reference
+from imumon.sources.files.row_selection import WINDOW
 from imumon.sources.files.unit_grammar import POSSIBLE_HZ, Unit, known_unit
 
 USUAL_HZ, TYPICAL_HZ = (0.5, 9000.0), 150.0
@@ -161,7 +162,7 @@ class ColumnClock:
             not names_sensor(words),
             not any(abs(hz / (self._rate or math.inf) - 1.0) < STATED_SHARE for hz in rates),
             bool(re.search(rf"{of_other}|gnss|location|mag|baro|alt|position", words)),
-            bool((np.diff(column.present) < 0.0).any()),
+            float(np.diff(column.present).min()) < -WINDOW * step,  # rows that are late make it fall less
             not (TIME.search(column.words) or not column.words),
             not _is_steady(column),
             not re.search(r"startup|sample|sensor|device|boot|chip", column.words),

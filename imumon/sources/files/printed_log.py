@@ -339,8 +339,9 @@ def _named_line(lines: Sequence[Sequence[str]]) -> tuple[int, Sequence[str]]:
     for k in range(len(lines) - 1, -1, -1):
         if _are_units(lines[k]) and k - 1 in named:  # whatever is below them
             return k - 1, lines[k]
-        if _are_units(lines[k]) and k < last:  # above the names: the first cell names the line
-            return last, ["", *lines[k][1:]]
+        if _are_units(lines[k]) and k < last:  # above the names, where the first cell may name the line
+            first, *others = lines[k]
+            return last, [first if known_unit(first) is not None else "", *others]
     return last, ()
 
 

@@ -121,8 +121,12 @@ def test_a_clock_in_days_is_proposed_where_no_other_unit_shows_a_rate() -> None:
 
 
 def test_a_clock_that_never_falls_is_before_one_that_starts_again() -> None:
+    """Rows that are late by less than the reader sorts are no new start."""
     reading = read("offset_time_ms,ts_ms,ax,ay,az", 10 * (STEP % 250), 10 * STEP, ACCEL)
     assert reading.uses[1].columns == (1,)
+    swapped = STEP.reshape(-1, 40)[:, [*range(38), 39, 38]].ravel()
+    reading = read("sensor_time_ms,host_time_ms,ax,ay,az", 10 * swapped, 10 * STEP, ACCEL)
+    assert reading.uses[1].columns == (0,)
 
 
 @pytest.mark.parametrize("first", [True, False])

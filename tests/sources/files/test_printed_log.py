@@ -43,6 +43,7 @@ FORMS: dict[str, str] = {
         CSV, ",".join(NAMES) + "\nms,rad/s,rad/s,rad/s,g,g,g\n,1: gyro,1: gyro,,2: acc,2: acc,\n"
     ),
     "units above": lines(CSV, "Unit,rad/s,rad/s,rad/s,g,g,g\nStep,1,1,1,1,1,1\n" + ",".join(NAMES) + "\n"),
+    "units in a comment": lines(CSV, "# ms,rad/s,rad/s,rad/s,g,g,g\n# " + ",".join(NAMES) + "\n"),
     "decimal comma": lines(CSV.replace(",", ";"), ";".join(NAMES) + "\n").replace(".", ","),
     "blanks": lines(CSV.replace(",", "  "), "  ".join(NAMES) + "\n"),
     "separator at the end": lines(CSV.replace("\n", ",\n"), ",".join(NAMES) + ",\n"),
@@ -125,10 +126,11 @@ def test_text_between_samples_is_no_sample_and_a_damaged_one_is_lost(tmp_path: P
     assert imbalance(merged(recording.ledger, {"samples": samples})) == 0
 
 
-@pytest.mark.parametrize("form", ["units below", "sources below", "units above"])
+@pytest.mark.parametrize("form", ["units below", "sources below", "units above", "units in a comment"])
 def test_a_line_of_units_is_that_of_the_names(form: str) -> None:
     table = tables(FORMS[form])[0]
-    assert (table.names, table.units[1:]) == (NAMES, ("rad/s",) * 3 + ("g",) * 3)
+    units = ("" if form == "units above" else "ms", *("rad/s",) * 3, *("g",) * 3)
+    assert (table.names, table.units) == (NAMES, units)
 
 
 def test_two_devices_in_turn_are_two_tables_whatever_their_numbers(tmp_path: Path) -> None:
