@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -102,6 +103,13 @@ def test_joined_blocks_and_parts_are_means_over_the_same_samples() -> None:
     np.testing.assert_allclose(joined.means, whole.means, rtol=1e-12)
     np.testing.assert_array_equal(joined.share, whole.share)
     assert joined.length == whole.length == 8
+    beside = np.array(
+        [[0.5, 0.3], [0.0, 0.0]]
+    )  # a block and one without samples: 25 % and 15 % of both together
+    pair = replace(
+        whole, means=np.where(beside, 7.0, np.nan), share=beside, segment=np.zeros(2, dtype=np.int64)
+    )
+    np.testing.assert_array_equal(pair.joined().means, [[7.0, np.nan]])
     np.testing.assert_array_equal(whole.part(1, 31).means, whole.means[1:3])  # blocks that lie wholly within
     np.testing.assert_array_equal(whole.part(8, 32).share, whole.share[1:4])
 

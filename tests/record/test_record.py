@@ -370,7 +370,7 @@ def noise() -> np.ndarray:
     return values
 
 
-@pytest.mark.few
+@pytest.mark.few(2)
 @pytest.mark.parametrize("clock", ["startup", "none"])
 @pytest.mark.parametrize(("bad", "block"), [(np.nan, 50), (np.inf, 50), (1e300, 50), (np.nan, 1)])
 def test_a_sample_without_a_number_is_missing(clock: Clock, bad: float, block: int) -> None:
