@@ -7,8 +7,6 @@ import sys
 from pathlib import Path
 
 from free_ports import free_port
-from scraping import scraped, values
-from waiting import until
 
 
 class MetricsViewer:
@@ -35,10 +33,3 @@ class MetricsViewer:
         self.process.terminate()
         _, errors = self.process.communicate(timeout=60)
         assert "Traceback" not in errors
-
-
-def metrics_of(endpoint: str) -> dict[tuple[str, ...], float]:
-    """Return what `imumon metrics` serves of the daemon on an endpoint, by name and labels without the device."""
-    with MetricsViewer(endpoint) as viewer:
-        until(lambda: values(scraped(viewer.address)))
-        return values(scraped(viewer.address))

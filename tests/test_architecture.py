@@ -184,9 +184,6 @@ def test_mathematics_and_decoders_do_no_io_and_read_no_clock() -> None:
     ]
 
 
-# ---------------------------------------------------------------------- errors
-
-
 def _is_error_text(node: ast.AST) -> bool:
     """Whether an expression is the text of an error: ``str(error)``, ``error.message``, ``error.cure``."""
     names = ("e", "err", "error", "exc", "exception", "problem", "failure")
@@ -222,8 +219,6 @@ def test_no_control_flow_depends_on_the_text_of_a_message() -> None:
         if _searches_an_error_text(node)
     ]
 
-
-# ---------------------------------------------------------------------- words and comments
 
 EMPTY_NAMES = {"found": 1, "own": 0, "at": 0, "made": 0, "taken": 0}
 """Words that name nothing, and the number of files that still give them to something."""

@@ -287,9 +287,6 @@ def test_the_changelog_has_known_headings() -> None:
     assert kinds <= {"Added", "Changed", "Fixed", "Removed", "Security"}
 
 
-# ---------------------------------------------------------------- docstrings
-
-
 def test_every_example_of_a_docstring_gives_what_it_says() -> None:
     """Modules are imported here alone: as tests of their own, each process of a run imports all of them."""
     names = [module.name for module in pkgutil.walk_packages(imumon.__path__, "imumon.")]

@@ -120,9 +120,6 @@ def test_only_what_is_marked_can_be_saved() -> None:
         restorable(type("Stream", (), {"__module__": "elsewhere"}))
 
 
-# ---------------------------------------------------------------- saved reports
-
-
 def same(part: Any, other: Any) -> bool:
     """Return whether JSON is the same, but for what another processor rounds otherwise."""
     if isinstance(part, dict) and isinstance(other, dict):

@@ -103,9 +103,6 @@ def forger(address: str, **settings: str) -> zenoh.Session:
     return open_session(ZenohSettings(**settings), (), [address], access_control=False, client=True)
 
 
-# ---------------------------------------- docs/ZENOH.md is correct
-
-
 TEXT = (ROOT / "docs" / "ZENOH.md").read_text("utf-8")
 
 

@@ -224,9 +224,6 @@ def test_bash_offers_every_command_and_option(tmp_path: Path) -> None:
         assert complete(f"imumon {name} -", tmp_path) == options
 
 
-# ---------------------------------------------------------------- progress bar
-
-
 def drained(master: int) -> str:
     os.set_blocking(master, False)
     data = b""

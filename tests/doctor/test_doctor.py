@@ -142,17 +142,11 @@ def test_listen_only_sends_no_command(case: Case) -> None:
     assert results["aliasing"].status == "warning"
 
 
-# ---------------------------------------------------------------------- ports
-
-
 def test_a_port_in_use_by_another_program_is_not_read(case: Case) -> None:
     with spawn(EmulatorSettings(seed=1)) as sensor, SerialPort(sensor.path):
         results = by_name(case, sensor.path)
     assert failed(results) == {"port"}
     assert "in use" in results["port"].text
-
-
-# ---------------------------------------------------------------------- devices of other distributions
 
 
 @pytest.fixture

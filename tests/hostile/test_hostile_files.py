@@ -40,9 +40,6 @@ def test_a_hostile_file_does_what_the_corpus_says(hostile: Hostile, tmp_path: Pa
     go_through(hostile, tmp_path)
 
 
-# ---------------------------------------------------------------------- random damage
-
-
 def test_damaged_settings_are_faults_or_are_read(tmp_path: Path) -> None:
     data = (ROOT / "config.toml").read_bytes()
     path = tmp_path / "config.toml"
@@ -165,9 +162,6 @@ def test_a_damaged_history_is_an_error_with_a_code(damage: str, tmp_path: Path) 
     with HistoryStore(path) as store, pytest.raises(HistoryError) as raised:
         store.events(0.0, 2e9)
     assert raised.value.code == "history_damaged"
-
-
-# ---------------------------------------------------------------- random damage
 
 
 LONGEST_S = 60.0

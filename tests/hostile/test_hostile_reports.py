@@ -92,9 +92,6 @@ def test_cells_that_a_spreadsheet_would_execute_are_escaped(formula: str) -> Non
         assert not cell.startswith("-") or float(cell) < 0.0
 
 
-# ---------------------------------------------------------------- messages
-
-
 def changed(*path: str | int, to: Any) -> str:
     """Return the real report as JSON with one value exchanged or added."""
     data = json.loads(to_json(real_report()))

@@ -184,9 +184,6 @@ def test_slow_markov_noise_is_no_walk() -> None:
     assert all(fit.K.low == 0.0 for fit in fits if fit.K.status == "indistinct")
 
 
-# ---------- a second correlated term: a class, a row of the coefficients, and nothing else
-
-
 RATE_40, WHITE_N = 40.0, 6.1e-5
 
 

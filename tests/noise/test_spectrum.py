@@ -67,9 +67,10 @@ LOSSES: dict[str, Callable[[int], np.ndarray] | None] = {
 }
 
 
-@pytest.mark.parametrize("pattern", LOSSES)
-@pytest.mark.parametrize("averaged", [True, False])
+@pytest.mark.few(9)  # every noise without losses, of averages and of points, and with scattered ones
 @pytest.mark.parametrize("kind", ["white", "flicker", "walk"])
+@pytest.mark.parametrize("averaged", [True, False])
+@pytest.mark.parametrize("pattern", LOSSES)
 def test_sums_agree_with_their_expectation(kind: str, averaged: bool, pattern: str) -> None:
     """Levels of 20 segments and more; all bins of a level together scatter as the degrees of freedom say."""
     missing, loss = LOSSES[pattern], pattern != "none"

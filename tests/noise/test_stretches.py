@@ -254,7 +254,8 @@ def test_a_warm_up_counts_its_valid_samples_only() -> None:
     assert again.warmup_s == record.warmup_s
 
 
-@pytest.mark.parametrize("kind", ["noise", "walk", "drift", "step"])
+@pytest.mark.few(2)
+@pytest.mark.parametrize("kind", ["walk", "step", "noise", "drift"])
 def test_what_does_not_settle_is_no_warm_up(kind: str) -> None:
     values = noise(2 * HOUR, channels=4, seed=5)
     at = np.arange(len(values))[:, None] / RATE

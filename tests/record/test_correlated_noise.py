@@ -57,9 +57,6 @@ def test_a_time_constant_is_a_coefficient_only_where_it_is_measured() -> None:
     assert list(by_letter({"N": known}, None)) == ["N"]
 
 
-# ---------------------------------------------------------------------- the report
-
-
 def test_a_report_has_what_shows_and_bounds_what_is_not_separable(report: Report) -> None:
     shown, open_, flicker = (report.channels[f"gyro/{axis}"] for axis in "xyz")
     assert flicker.M is None
@@ -71,9 +68,6 @@ def test_a_report_has_what_shows_and_bounds_what_is_not_separable(report: Report
     assert all((open_.estimates[letter].high or 0.0) > 0.0 for letter in "BKM")
     assert (open_.M.sigma.high or 0.0) > 0.6e-4
     assert "T" not in open_.estimates
-
-
-# ---------------------------------------------------------------------- where people and programs see it
 
 
 def test_m_of_a_sensor_that_warms_up_is_a_bound(report: Report) -> None:
@@ -89,9 +83,6 @@ def test_m_of_a_sensor_that_warms_up_is_a_bound(report: Report) -> None:
     assert bounded.markov.sigma.status == "upper_bound"
 
 
-# ---------------------------------------------------------------------- popcorn noise
-
-
 def test_popcorn_noise_is_named_by_its_levels() -> None:
     rate_hz, samples, size, dwell_s = 10.0, 108_000, 8e-5, 120.0
     rng = np.random.default_rng(5)
@@ -105,9 +96,6 @@ def test_popcorn_noise_is_named_by_its_levels() -> None:
     assert dwell_s / 2.0 < jumps.low_s < 2.0 * dwell_s
     assert dwell_s / 2.0 < jumps.high_s < 2.0 * dwell_s
     assert any(note.startswith("jumps between -") for note in _notes("gyro/x", channel, report))
-
-
-# ---------------------------------------------------------------------- noise that the model does not have
 
 
 @pytest.mark.slow
@@ -128,9 +116,6 @@ def test_what_the_model_does_not_explain_has_bounds() -> None:
             assert channel.M.sigma.status != "measured"
             assert channel.M.time_constant_s.status != "measured"
             assert channel.M.time_constant_s.reason == channel.M.sigma.reason
-
-
-# ---------------------------------------------------------------------- halves
 
 
 @pytest.mark.slow
@@ -232,9 +217,6 @@ def test_correlated_noise_is_a_state_of_the_filter() -> None:
     assert flicker.markov is None
     for channel in filters.values():
         check_consistent(channel)
-
-
-# ---------------------------------------------------------------- another program
 
 
 @pytest.mark.slow

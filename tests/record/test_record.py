@@ -293,9 +293,6 @@ def test_a_magnetometer_beside_increments_is_a_point_sample() -> None:
     assert (mag.fit, mag.caveats) != (gyro.fit, gyro.caveats)
 
 
-# ---------------------------------------------------------------- sums
-
-
 @pytest.mark.few
 @pytest.mark.parametrize("rate", [0.1, 1.0, 100.0, 800.0])
 def test_statistics_begin_with_the_first_samples(rate: float) -> None:
@@ -318,9 +315,6 @@ def test_statistics_begin_with_the_first_samples(rate: float) -> None:
     assert counts == sorted(counts)
     assert record._shown_sums().moments().channels[0].count == record.samples - record.guard.held
     assert record.guard.held <= 2 * max(10, rate)
-
-
-# ---------------------------------------------------------------- gap filling
 
 
 @given(st.lists(st.sampled_from([1, 1, 1, 2, 5, LONG_GAP, LONG_GAP + 1, 10**9, BREAK]), max_size=60))

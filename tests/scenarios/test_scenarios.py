@@ -100,9 +100,6 @@ def test_08_stopped_and_continued(tmp_path: Path, seconds: float) -> None:
         play.end(before, after)
 
 
-# ---------------------------------------- SIGTERM in every phase of a daemon's life
-
-
 SLOW_DISK = Path(__file__).parents[1] / "slow_disk.c"
 
 
@@ -275,9 +272,6 @@ def kept(path: Path) -> int:
             Path(f"{copy}{suffix}").write_bytes(Path(f"{path}{suffix}").read_bytes())
     with HistoryStore(copy) as store:
         return sum(timed.period.samples for timed in store.periods(EVER))
-
-
-# ---------------------------------------- faults that come again and again, or in each phase
 
 
 KILLS = 30

@@ -88,9 +88,6 @@ def test_counters_add_up_over_losses() -> None:
     assert made.counters.bad_checksums == 0
 
 
-# ---------------------------------------------------------------------- the daemon
-
-
 def test_the_daemon_waits_for_the_topic_and_follows_its_driver(tmp_path: Path) -> None:
     endpoint = free_router()
     with Daemon(f"ros2:/imu/data?router={endpoint}", tmp_path) as daemon:

@@ -45,9 +45,6 @@ def total(items: list[DecodedItem], source: str = "") -> int:
     return sum(len(block) for block in blocks(items, source))
 
 
-# ------------------------------------------------------------------------------------- recordings
-
-
 def _wink() -> list[Any]:
     page = RECORDINGS / "wink.md"
     if not page.exists():

@@ -96,9 +96,6 @@ def test_unsupported_baud_is_skipped_or_an_error() -> None:
     assert bench.device.baud == 115200
 
 
-# ---------------------------------------------------------------------- other devices
-
-
 @pytest.mark.parametrize(
     ("kind", "code"),
     [("silent", "device_silent"), ("nmea", "device_sends_text"), ("garbage", "device_sends_garbage")],
@@ -229,9 +226,6 @@ def test_configured_rate_is_compared_with_the_host_clock(rate: float, correct: b
     assert session.info() == session.info(), "the remark stays the same"
 
 
-# ---------------------------------------------------------------------- alias factors and streams
-
-
 def factors_of(kind: str, rate: float | None, filtering: str | None) -> dict[str, float | None]:
     return alias_factors(lambda _: kind, rate, filtering)  # type: ignore[arg-type,return-value]
 
@@ -250,9 +244,6 @@ def test_alias_factors_follow_the_definition() -> None:
     )
     for rate, text in ((None, factory), (40.0, None), (40.0, "nonsense")):
         assert set(factors_of("compensated", rate, text).values()) == {None}
-
-
-# ---------- what a session with a VN-100 does about faults, and the settings that it restores
 
 
 # ---------------------------------------------------------------------- faults
@@ -425,9 +416,6 @@ def test_old_saved_settings_do_not_undo_later_changes_of_the_user() -> None:
     session.configure()
     assert session.restore()
     assert bench.registers() == before
-
-
-# ---------- a session with a VN-100 on a real terminal: the emulator in a process of its own
 
 
 # ---------------------------------------------------------------------- emulator process
