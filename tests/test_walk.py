@@ -83,7 +83,9 @@ class Trace:
             self._ended(self.turns[-1])
         if self._in_turn:
             packages, caller = [package], frame.f_back
-            while caller is not None:
+            while (
+                package not in LIBRARIES and caller is not None
+            ):  # the way of a library is that of its caller
                 packages += filter(None, [package_of(caller.f_code.co_filename)])
                 caller = caller.f_back
             way = [each for each in reversed(packages) if each not in LIBRARIES]
