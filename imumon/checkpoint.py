@@ -49,6 +49,9 @@ FILE_BYTES = 1 << 26
 PLAIN_BYTES = 1 << 28
 """Bytes of the largest state after decompression."""
 
+FLUSH_S = 5.0
+"""s for which a state waits for the disk."""
+
 _MAGIC = b"imumon-state "
 """First bytes of a state of any format."""
 
@@ -281,10 +284,10 @@ class Checkpoint:
             self.failed = "a thread cannot be started: grant more memory or more threads"
             self._finish_writing()
 
-    def flush(self, timeout_s: float = 5.0) -> bool:
+    def flush(self) -> bool:
         """Wait until every state is written or has failed; return False if that takes longer."""
         with self._changed:
-            return self._changed.wait_for(lambda: not self._writing, timeout_s)
+            return self._changed.wait_for(lambda: not self._writing, FLUSH_S)
 
     def close(self, state: bytes | None = None, before: Callable[[], None] | None = None) -> None:
         """Write the last state, wait for the disk, release the lock; `before` is as of `save`."""

@@ -169,7 +169,7 @@ def test_without_a_thread_the_failure_is_reported_and_close_still_writes(
     checkpoint = Checkpoint(tmp_path, "x")
     monkeypatch.setattr(threading.Thread, "start", begin)
     checkpoint.save(pack({"samples": 1}))
-    assert checkpoint.flush(1.0)
+    assert checkpoint.flush()
     assert checkpoint.failed == "a thread cannot be started: grant more memory or more threads"
     checkpoint.close(STATE)
     assert checkpoint.failed is None

@@ -67,16 +67,15 @@ class Periods:
         stretches = (self._sums.stretch_in_progress(step) for step in LENGTHS_S)
         return [self._period(stretch, counts, complete=True) for stretch in stretches if stretch is not None]
 
-    def in_progress(self, counts: Counts, *, force: bool = False) -> list[HistoryPeriod]:
-        """Return the periods in progress; those of the last call unless they have grown, or with `force`.
+    def in_progress(self, counts: Counts) -> list[HistoryPeriod]:
+        """Return the periods in progress; those of the last call unless they have grown.
 
         Longer ones that began earlier are fitted again only when a shorter one has ended.
         """
-        if not force and counts.elapsed_s < self._due_s:
+        if counts.elapsed_s < self._due_s:
             return list(self._current.values())
         # The fit of a day in progress costs as much as that of a whole one, and a minute hardly changes it.
-        again = force or self._due_s == 0.0
-        for step in LENGTHS_S if again else LENGTHS_S[:1]:
+        for step in LENGTHS_S[:1] if self._due_s else LENGTHS_S:
             stretch = self._sums.stretch_in_progress(step)
             if stretch is None:
                 self._current.pop(step, None)

@@ -662,11 +662,11 @@ class Record:
         ended, self.ended_periods = self.ended_periods, []
         return ended
 
-    def periods_in_progress(self, *, force: bool = False) -> list[HistoryPeriod]:
-        """Return the periods in progress; those of an earlier call unless they have grown, or with `force`."""
+    def periods_in_progress(self) -> list[HistoryPeriod]:
+        """Return the periods in progress; those of an earlier call unless they have grown."""
         if not self.begun or self._periods is None:
             return []
-        return self._periods.in_progress(self.counts(), force=force)
+        return self._periods.in_progress(self.counts())
 
     def signals(self) -> dict[str, Callable[[], Signal]]:
         """Return what makes the minimum and maximum per time column of each channel, as they are now."""

@@ -46,7 +46,7 @@ def test_counts_add_up_to_the_record() -> None:
     periods = feed(made, samples[:20000])
     periods += feed(made, samples[21000:], first=21000)
     made.flush()
-    periods += made.periods() + made.periods_in_progress(force=True)
+    periods += made.periods() + made.periods_in_progress()
     for step in STEPS:
         assert sum(each.samples for each in of(periods, step)) == made.samples
         assert sum(each.missing for each in of(periods, step)) == 1000
@@ -74,7 +74,7 @@ def test_a_day_has_the_slope_against_its_temperature() -> None:
     samples[:, 0] += 1e-4 * heat
     feed(made, samples)
     made.flush()
-    (in_progress,) = of(made.periods_in_progress(force=True), 86400)
+    (in_progress,) = of(made.periods_in_progress(), 86400)
     made.end()
     (day,) = of(made.periods(), 86400)
     assert in_progress.channels == day.channels
@@ -111,7 +111,7 @@ def test_a_restart_in_the_middle_of_a_period_does_not_show() -> None:
     second.restore(unpack(pack(first.save())), 0.0)
     periods += feed(second, samples[half:], first=half)
     assert [(p.step_s, p.number) for p in periods] == [(p.step_s, p.number) for p in whole]
-    periods += second.periods_in_progress(force=True)
+    periods += second.periods_in_progress()
     for step in STEPS:
         assert sum(p.samples for p in of(periods, step)) == second.samples
     for a, b in zip(whole, periods, strict=False):
@@ -125,7 +125,7 @@ def test_a_gap_of_days_has_no_periods_and_is_counted_as_missing() -> None:
     periods += feed(made, values(0.5, seed=3), first=days)
     assert len(of(periods, 3600)) < 2
     made.flush()
-    periods += made.periods() + made.periods_in_progress(force=True)
+    periods += made.periods() + made.periods_in_progress()
     for step in STEPS:
         assert sum(p.samples for p in of(periods, step)) == made.samples
         assert sum(p.missing for p in of(periods, step)) == days - round(1800 * RATE)
