@@ -61,7 +61,6 @@ class Subscriber:
     ----------
     connect : endpoints; None: those of `settings` (`connect`, else `listen`), else the local defaults.
     settings : of ``[zenoh]``; None for the defaults.
-    id : the only device to subscribe to; None: all.
 
     Attributes
     ----------
@@ -74,7 +73,6 @@ class Subscriber:
         connect: Sequence[str] | None = None,
         *,
         settings: ZenohSettings | None = None,
-        id: str | None = None,
     ) -> None:
         settings = settings or ZenohSettings()
         self.endpoints = tuple(connect or ()) or settings.connect
@@ -84,7 +82,6 @@ class Subscriber:
             settings = replace(settings, user="", password="")
         self.version = 0
         self.malformed = 0
-        self._root = f"imumon/{id or '*'}"
         self._changed = threading.Condition()
         self._devices: dict[str, DeviceState] = {}
         self._selected: tuple[str, str] | None = None
@@ -95,7 +92,7 @@ class Subscriber:
         self._answer: HistoryAnswer | None = None
         self._session = open_session(settings, (), self.endpoints, access_control=False)
         queue: RingChannel[Any] = RingChannel(MAX_QUEUED)
-        alive = self._session.liveliness().declare_subscriber(f"{self._root}/alive", queue, history=True)
+        alive = self._session.liveliness().declare_subscriber("imumon/*/alive", queue, history=True)
         self._threads = (
             start_listener(alive, self._on_alive),
             start_listener(self._subscribe("report", 1, _MAX_QUEUED_REPORTS), self._on_report),
@@ -108,7 +105,7 @@ class Subscriber:
     def _subscribe(self, name: str, kept: int, queued: int) -> Any:
         """Subscribe to one key of all devices, with its last `kept` messages from the cache."""
         history = ext.HistoryConfig(detect_late_publishers=True, max_samples=kept)
-        key = f"{self._root}/{name}"
+        key = f"imumon/*/{name}"
         channel: RingChannel[Any] = RingChannel(queued)
         return ext.declare_advanced_subscriber(
             self._session, key, channel, history=history, allowed_origin=zenoh.Locality.REMOTE
