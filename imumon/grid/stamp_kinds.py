@@ -187,13 +187,11 @@ class StampDecision:
     candidate : index of the times that are used; 0 if none shows a rate.
     kind : of these.
     interval : ns; None: they show no rate.
-    refused : kinds of the candidates that were tried and show no rate, in their order.
     """
 
     candidate: int
     kind: StampKind
     interval: float | None
-    refused: tuple[StampKind, ...] = ()
 
     def placer(self, first: Ints) -> StampPlacer:
         """Return what places the rows.
@@ -213,14 +211,15 @@ def decide(candidates: Sequence[StampCandidate], resolution: float = 0.0) -> Sta
     candidates : the best first; the first that shows a rate is used.
     resolution : ns to which the times are rounded; 0: to much less than their steps.
     """
-    refused: list[StampKind] = []
+    first: StampKind | None = None
     for index, candidate in enumerate(candidates):
         shown = StampEvidence(candidate, resolution)
         kind = next(kind for kind in KINDS if kind.holds(shown))
         if kind.has_rate:
-            return StampDecision(index, kind, shown.interval, tuple(refused))
-        refused.append(kind)
-    return StampDecision(0, refused[0], None, tuple(refused))
+            return StampDecision(index, kind, shown.interval)
+        first = first or kind
+    assert first is not None
+    return StampDecision(0, first, None)
 
 
 class StampEvidence:

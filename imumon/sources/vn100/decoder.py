@@ -94,11 +94,6 @@ class LossCounter:
 class Vn100Decoder(FrameDecoder[Response | SensorError]):
     """Feed bytes, get items; see `imumon.sources.frame_decoder.FrameDecoder`.
 
-    Attributes
-    ----------
-    nonfinite : valid messages that are no samples: a number is not finite or not plausible, or an interval is
-        not positive.
-
     >>> decoder = Vn100Decoder()
     >>> decoder.feed(b"noise$VNRRG,07,40*5C\\r\\n$VNE"), decoder.pending
     ([Response(command='VNRRG', fields=('07', '40'))], 4)
@@ -108,7 +103,6 @@ class Vn100Decoder(FrameDecoder[Response | SensorError]):
 
     def __init__(self) -> None:
         super().__init__()
-        self.nonfinite = 0
         self._losses = LossCounter()
         self._started_streams: set[bytes] = set()
         self._seen_packet = False
@@ -220,7 +214,6 @@ class Vn100Decoder(FrameDecoder[Response | SensorError]):
         """Add the valid samples of a block; invalid ones count as lost."""
         if valid is not None:
             total, rows = len(block), np.flatnonzero(valid)
-            self.nonfinite += total - len(rows)
             self.leave_out("not_finite", total - len(rows))
             if len(rows) == 0:
                 self._losses.add_lost(name, lost + total)

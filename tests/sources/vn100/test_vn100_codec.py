@@ -104,7 +104,7 @@ def test_a_message_with_a_number_that_no_sensor_has_is_not_a_sample() -> None:
     theta[3, 0], theta[5, 0] = 0.0, -0.01  # intervals
     theta[6, 2], theta[7, 0] = -3e38, 1e-40
     decoder, items = decode(layout.encode({"deltaTheta": theta, "deltaVel": np.zeros((9, 3))}))
-    assert (decoder.messages, decoder.discarded, decoder.nonfinite, total(items)) == (9, 0, 6, 3)
+    assert (decoder.messages, decoder.discarded, decoder.ledger["not_finite"], total(items)) == (9, 0, 6, 3)
     assert blocks(items)[0].lost.tolist() == [0, 2, 3]
     assert np.abs(blocks(items)[0].values).max() < 1.0
 
@@ -181,7 +181,7 @@ def test_blocks_are_merged_only_without_an_item_between_them() -> None:
 def test_an_interval_that_no_sensor_has_is_a_lost_sample(interval: str) -> None:
     rows = [f"VNDTV,{dt},+000.010,+000.020,+000.030,+0.1,+0.2,+0.3" for dt in ("0.01", interval, "0.01")]
     decoder, items = decode(b"".join(map(ascii.encode, rows)))
-    assert (decoder.messages, decoder.nonfinite, total(items)) == (3, 1, 2)
+    assert (decoder.messages, decoder.ledger["not_finite"], total(items)) == (3, 1, 2)
     assert blocks(items)[0].lost.tolist() == [0, 1]
 
 

@@ -116,7 +116,7 @@ def run(data: bytes, cuts: list[int]) -> tuple[list[DecodedItem], list[int], Vn1
     items += decoder.finish()
     assert decoder.pending == 0
     assert decoder.fed == decoder.message_bytes + decoder.discarded
-    names = ("messages", "discarded", "bad_checksums", "nonfinite")
+    names = ("messages", "discarded", "bad_checksums", "ledger")
     return items, counters + [getattr(decoder, name) for name in names], decoder
 
 
