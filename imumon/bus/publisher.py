@@ -56,14 +56,13 @@ class Publisher:
         self._root = f"imumon/{self.id}"
         for endpoint in settings.connect:
             check_endpoint(endpoint)
-        self._changed = threading.Condition()  # of the next four fields
+        self._changed = threading.Condition()  # of the next three fields
         self._newest: tuple[Report, Signals] | None = None
         self._events: deque[Event] = deque(maxlen=MAX_QUEUED)
-        self._closing = False
         self._last_error: str | None = None
         self._last_grade: str | None = None  # of the thread, as is the next
         self._curves: dict[str, tuple[tuple[object, ...], str]] = {}  # of each channel, and their JSON
-        self._stop_connecting = threading.Event()
+        self._closing = threading.Event()
         self._reported_uplinks: dict[str, str | None] = {}
         self._reported_error: str | None = None
         self._session, self.endpoints = open_local(settings)
@@ -136,11 +135,10 @@ class Publisher:
     def close(self) -> None:
         """Send what is queued and close the sessions, within 1.4 s."""
         with self._changed:
-            if self._closing:
+            if self._closing.is_set():
                 return
-            self._closing = True
+            self._closing.set()
             self._changed.notify()
-        self._stop_connecting.set()
         atexit.unregister(self.close)
         self._thread.join(_CLOSE_S)
         closing = threading.Thread(target=self._close_links, name="imumon-bus-close", daemon=True)
@@ -161,11 +159,11 @@ class Publisher:
         """Send what is queued until the publisher closes and the queue is empty."""
         while True:
             with self._changed:
-                self._changed.wait_for(lambda: self._newest or self._events or self._closing)
+                self._changed.wait_for(lambda: self._newest or self._events or self._closing.is_set())
                 newest, self._newest = self._newest, None
                 events = list(self._events)
                 self._events.clear()
-                if self._closing and not newest and not events:
+                if self._closing.is_set() and not newest and not events:
                     return
             for event in events:
                 self._attempt(partial(self._send_event, event))
@@ -215,7 +213,7 @@ class Publisher:
 
     def _connect_uplink(self, settings: ZenohSettings, endpoint: str, first: Future[None]) -> None:
         """Connect to a router as soon as it is reachable. Zenoh itself restores a lost connection."""
-        while not self._stop_connecting.is_set():
+        while not self._closing.is_set():
             try:
                 session = open_session(settings, (), [endpoint], access_control=True, client=True)
             except BusError as error:
@@ -225,7 +223,7 @@ class Publisher:
                     return
                 if not first.done():
                     first.set_result(None)
-                self._stop_connecting.wait(RETRY_S)
+                self._closing.wait(RETRY_S)
             else:
                 self._links.add(endpoint, Uplink(session, self._root, self._reply))
                 if not first.done():
