@@ -37,7 +37,7 @@ from imumon.documents.report_texts import (
 from imumon.model.coefficients import COEFFICIENTS, INDISTINCT_WORD, MARKOV, NOISE, Estimate
 from imumon.model.errors import ImumonError
 from imumon.model.messages import NOT_APART, has_indistinct
-from imumon.model.report import Allan, Channel, LimitCurve, Report
+from imumon.model.report import Allan, LimitCurve, Report
 from imumon.model.samples import ChannelName
 from imumon.model.units import pretty
 
@@ -282,19 +282,14 @@ def _marks(report: Report, sensor: str, curves: Mapping[str, Allan]) -> Iterator
             if part.status == "pending" or part.high is None:
                 continue
             row = COEFFICIENTS[letter]
-            place = RISING_SHARE * last if row.slope > 0.0 else row.mark_s(lowest, _time_constant_s(channel))
+            place = RISING_SHARE * last if row.slope > 0.0 else row.mark_s(lowest, channel.time_constant_s)
             if place is None:
                 continue
             # beside one another, also at the end of the curve: the axes of a sensor are often equal
             tau = min(max(place, first * ROOM**2), last / ROOM**2) * ROOM ** (k - 1)
-            scale = factor * row.deviation(tau, _time_constant_s(channel))
+            scale = factor * row.deviation(tau, channel.time_constant_s)
             value = part.value * scale if part.value is not None and part.status == "measured" else None
             yield _Mark(axis, letter, tau, value, (part.low or 0.0) * scale, part.high * scale)
-
-
-def _time_constant_s(channel: Channel) -> float | None:
-    """Return the measured time constant of the correlated noise, s; None: it is not known."""
-    return channel.M.time_constant_s.value if channel.M is not None else None
 
 
 def _draw_markov(panel: Axes, report: Report, sensor: str, axes: Iterable[str]) -> None:
@@ -305,7 +300,7 @@ def _draw_markov(panel: Axes, report: Report, sensor: str, axes: Iterable[str]) 
     tau = np.geomspace(*panel.get_xlim(), 200)
     for axis in axes:
         channel = report.channels[ChannelName(f"{sensor}/{axis}")]
-        part, time_constant_s = channel.estimates.get(row.letter), _time_constant_s(channel)
+        part, time_constant_s = channel.estimates.get(row.letter), channel.time_constant_s
         if part is None or not part.value or time_constant_s is None:
             continue
         scale = part.value * row.units[sensor].factor

@@ -437,6 +437,11 @@ class Channel:
         return by_letter(self.coefficients, self.M)
 
     @property
+    def time_constant_s(self) -> float | None:
+        """Measured time constant of the correlated noise, s; None: it is not known."""
+        return self.M.time_constant_s.value if self.M is not None else None
+
+    @property
     def N(self) -> Estimate | None:
         """White noise; None: the channel has no curve."""
         return self.coefficients.get("N")

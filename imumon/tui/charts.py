@@ -181,7 +181,7 @@ def _marks(channel: Channel) -> list[float]:
 
 def _drawn(channel: Channel) -> dict[str, tuple[float, float]]:
     """Return value, SI, and place, s, of the mark of each measured coefficient that has an Allan deviation."""
-    floor_s, time_s = _lowest(channel.allan or Allan()), _time_constant_s(channel)
+    floor_s, time_s = _lowest(channel.allan or Allan()), channel.time_constant_s
     places = {letter: COEFFICIENTS[letter].mark_s(floor_s, time_s) for letter in channel.estimates}
     values = {letter: part.value for letter, part in channel.estimates.items()}
     return {
@@ -189,11 +189,6 @@ def _drawn(channel: Channel) -> dict[str, tuple[float, float]]:
         for letter, place in places.items()
         if (value := values[letter]) and place is not None
     }
-
-
-def _time_constant_s(channel: Channel) -> float | None:
-    """Return the measured time constant of the correlated noise, s; None: it is not known."""
-    return channel.M.time_constant_s.value if channel.M is not None else None
 
 
 def _decades(frame: PlotFrame, x_unit: str) -> None:
@@ -271,7 +266,7 @@ def _curve(frame: PlotFrame, notation: Notation, channel: Channel, sensor: str, 
     allan = channel.allan or Allan()
     tau, sigma = numbers(allan.tau_s), numbers(allan.sigma, factor)
     frame.band(tau, numbers(allan.low, factor), numbers(allan.high, factor), "band")
-    marks, time_constant_s = _drawn(channel), _time_constant_s(channel)
+    marks, time_constant_s = _drawn(channel), channel.time_constant_s
     for letter, (value, _) in marks.items():
         row = COEFFICIENTS[letter]
         # an asymptote is straight on these axes; the line of correlated noise has a hump
