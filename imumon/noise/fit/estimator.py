@@ -153,8 +153,8 @@ class Estimator:
                 curve,
                 channel,
                 renew,
-                0.0 if resolution is None else float(resolution[channel]),
-                0.0 if kurtosis is None else float(kurtosis[channel]),
+                _of_channel(resolution, channel),
+                _of_channel(kurtosis, channel),
             )
             for channel in range(curve.valid.size)
         )
@@ -204,15 +204,16 @@ class Estimator:
         """
         out = []
         for channel in range(len(sums.group)) if channels is None else channels:
-            step = 0.0 if resolution is None else float(resolution[channel])
+            step = _of_channel(resolution, channel)
             if (reason := _hidden(sums, channel, step)) is not None:
                 out.append(pending_fit(0, *reason))
                 continue
             known = self._parts.get(channel) if like is None else like._known.get(channel)
             if like is None and known is not None and known.span > span:
                 known = None  # another part
-            excess = 0.0 if kurtosis is None else float(kurtosis[channel])
-            fitted = self._fit_model(sums, channel, known, excess, step, whole=like is None)
+            fitted = self._fit_model(
+                sums, channel, known, _of_channel(kurtosis, channel), step, whole=like is None
+            )
             if like is None:
                 self._parts[channel] = _Known(span, fitted)
             out.append(pending_fit(0, *fitted) if isinstance(fitted, Pending) else fitted.fit)
@@ -284,6 +285,11 @@ class Estimator:
         return state_model(sums, channel, model, kurtosis, precision, step, counted=counted)
 
 
+def _of_channel(values: Sequence[float] | None, channel: int) -> float:
+    """Return what is known of a channel, 0.0 without any."""
+    return 0.0 if values is None else float(values[channel])
+
+
 def _noisy_series(blocks: BlockMeans, channel: int, degrees: Floats | None) -> BlockSeries | Pending:
     """Return the block means of a channel, or why they show no noise."""
     series = block_series(blocks, channel, degrees)
@@ -342,11 +348,10 @@ def _counts_angle(sums: NoiseSums, channel: int, step: float) -> bool:
     The error of a count is one of the angle, which the next sample makes good: the density falls towards low
     frequencies. The error of a rounded rate stays, and its density does not fall.
     """
-    group, bins = int(sums.group[channel]), SUB_BAND if sums.pooled else 1
     densities = [
-        float(level.power[channel].mean()) / bins / float(level.averages[group]) * 2.0**s
+        _mean_density(sums, s, channel)
         for s, level in enumerate(sums.levels)
-        if level.averages[group] >= LEAST_AVERAGES
+        if level.averages[sums.group[channel]] >= LEAST_AVERAGES
     ]
     if not densities or not 0.0 < densities[0] < step**2:
         return False  # finer steps need no other treatment: rounding errors are independent
@@ -359,9 +364,13 @@ def _hidden(sums: NoiseSums, channel: int, step: float) -> tuple[str, str] | Non
         return None
     if _counts_angle(sums, channel, step):
         return None
-    white = float(sums.levels[0].power[channel].mean()) / float(sums.levels[0].averages[sums.group[channel]])
-    bins = SUB_BAND if sums.pooled else 1
-    return _resolution_reason(step) if white / bins < (DITHERED * step) ** 2 else None
+    return _resolution_reason(step) if _mean_density(sums, 0, channel) < (DITHERED * step) ** 2 else None
+
+
+def _mean_density(sums: NoiseSums, s: int, channel: int) -> float:
+    """Return the mean density of level s, (channel unit)^2 per cycle per sample of the record."""
+    level, bins = sums.levels[s], SUB_BAND if sums.pooled else 1
+    return float(level.power[channel].mean()) / bins / float(level.averages[sums.group[channel]]) * 2.0**s
 
 
 def _resolution_reason(step: float) -> tuple[str, str]:
