@@ -16,7 +16,7 @@ from __future__ import annotations
 
 import math
 from collections import defaultdict
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -106,12 +106,10 @@ def with_curve(
     low, high = limit_factors(np.maximum(edf, 1.0))
     sigma = curve.sigma[:, channel]
     positive = present & (sigma > 0.0)
-    visible, drift = VISIBLE * (random + fixed), fit.regressor("drift")
-    caveats = list(fit.caveats)
-    if fit.hump_hz is not None or (_named(line_shares, hump).sum(axis=0) > visible).any():
-        caveats.append("vibration")
-    if "R" in fit.coefficients and drift and (0.5 * (drift.value * curve.tau) ** 2 > visible).any():
-        caveats.append("ramp")
+    caveats = [
+        *fit.caveats,
+        *_visible(fit, curve.tau, _named(line_shares, hump).sum(axis=0), VISIBLE * (random + fixed)),
+    ]
     used = present & (m >= 1 << fitted.choice.upper_end.octaves_left_out)
     low, high = (np.where(present, sigma * factor, 0.0) for factor in (low, high))
     drawn = np.sqrt(random + fixed)
@@ -138,6 +136,21 @@ def with_curve(
         readings=read_slopes(curve.tau[positive], sigma[positive]),
         caveats=tuple(caveats),
     )
+
+
+def _visible(fit: ChannelFit, tau: Floats, lines: Floats, visible: Floats) -> Iterator[str]:
+    """Yield the caveats of what bends the curve by more than is visible in it.
+
+    Parameters
+    ----------
+    lines : (k,) Allan variance of the lines that have a name.
+    visible : (k,) Allan variance from which on something shows.
+    """
+    if fit.hump_hz is not None or (lines > visible).any():
+        yield "vibration"
+    drift = fit.regressor("drift")
+    if "R" in fit.coefficients and drift and (0.5 * (drift.value * tau) ** 2 > visible).any():
+        yield "ramp"
 
 
 def _named(line_shares: Floats, hump: Hump | None) -> Floats:
