@@ -8,7 +8,8 @@ A model (`search.Model`) is a likelihood of powers in units of tau0. Three thing
   | status | N | B, K |
   |---|---|---|
   | measured | power over standard error exceeds sqrt(`EVIDENCE`) | twice the log likelihood ratio exceeds `EVIDENCE` |
-  | its value | root of the mean; a power is nearly log-normal, so are its limits | median, 2.5 and 97.5 % quantiles |
+  | its value | root of the mean; a power is nearly log-normal, so are its limits | median; of K given that it shows |
+  | its limits | 1.96 standard errors | 2.5 and 97.5 % quantiles |
   | upper_bound | root of mean and 1.96 standard errors | 97.5 % quantile |
   | pending | – | in the first `LEAST_B_K_S` seconds |
 
@@ -54,6 +55,7 @@ from imumon.noise.fit.likelihood import (
     LIMITS,
     Surface,
     evidence,
+    given_evidence,
     grid_mean,
     joint_evidence,
     quantiles,
@@ -482,6 +484,8 @@ def _correlated(model: Model) -> dict[NoiseTerm, Estimate]:
     confused = _confused(model, open_terms) | hidden
     estimates: dict[NoiseTerm, Estimate] = {}
     for term, (low, value, high) in limits.items():
+        if term.grows:
+            value = given_evidence(value, evidence(surface, term))
         if shown[term] and term not in hidden and low < value < high:
             estimates[term] = Estimate(value=value, low=low, high=high, status="measured")
         elif term in confused:
