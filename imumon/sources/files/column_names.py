@@ -248,16 +248,21 @@ def triples(columns: Sequence[NamedColumn]) -> list[Triple]:
 
 def _axis_triples(columns: Sequence[NamedColumn]) -> list[Triple]:
     """Return all triples of columns whose names differ only by the axis; a column may belong to several."""
-    places: dict[tuple[str, str, str], dict[str, NamedColumn]] = {}
+    places: dict[tuple[str, str, str, int], dict[str, NamedColumn]] = {}
+    earlier: Counter[str] = (
+        Counter()
+    )  # columns of a name: another sensor may have the same, with another unit
     for column in columns:
+        earlier[column.base] += 1
         for match in _AXIS_PLACES.finditer(column.base):
             letter = match[0].lower()
             before, behind = column.base[: match.start()].lower(), column.base[match.end() :].lower()
             for letters in _AXIS_SETS:
                 if letter in letters or letter == _FOURTH.get(letters[0]):
-                    places.setdefault((letters[0], before, behind), {}).setdefault(letter, column)
+                    key = letters[0], before, behind, earlier[column.base]
+                    places.setdefault(key, {}).setdefault(letter, column)
     complete: list[Triple] = []
-    for (first, before, behind), axes in places.items():
+    for (first, before, behind, _), axes in places.items():
         letters = next(letters for letters in _AXIS_SETS if letters[0] == first)
         if all(letter in axes for letter in letters) and _FOURTH.get(first) not in axes:
             complete.append(Triple(tuple(axes[letter] for letter in letters), AXES, f"{before} {behind}"))

@@ -68,6 +68,10 @@ from imumon.sources.files.sizes_at_rest import (
 )
 from imumon.sources.files.unit_grammar import POSSIBLE_HZ, Unit, known_unit
 
+MOST_NAMELESS = 3
+"""Triples without a name and a unit that may be gyroscopes: more of them are a list, such as samples one behind the
+other in a record."""
+
 PLAUSIBLE = {"temperature": (-60.0, 130.0), "pressure": (20.0, 130.0)}
 """degC and kPa, numbers of sensors and of air: other numbers of that name are something else."""
 
@@ -182,6 +186,9 @@ class _ColumnReader:
         moving = [t for t in free if _moves(t)]
         self._gravity = next(filter(None, map(_unit_of_one_g, moving)), "")
         uses = [_in_order(use, triple) for triple in moving if (use := self._sensor(triple)) is not None]
+        nameless = [use for use in uses if use.key == "gyro" and use.assumption == "assumed_columns"]
+        if len(nameless) > MOST_NAMELESS:
+            uses = [use for use in uses if use not in nameless]
         keys, used = {use.key for use in uses}, {k for use in uses for k in use.columns}
         if keys == {"accel"}:  # beside it, three numbers of one name that move around a constant
             quiet = [t for t in moving if not used & set(t.indices) and _may_be_gyro(t)]

@@ -169,6 +169,24 @@ def test_constant_columns_and_orientations_are_no_sensor() -> None:
         read("t_ms,ax,ay,az", 10 * STEP, np.ones((2000, 3)))
 
 
+def test_samples_one_behind_the_other_in_a_record_are_no_sensor() -> None:
+    """Which three of thirty numbers without a name are the axes, nothing says: not even a proposal does."""
+    with pytest.raises(ImumonError) as raised:
+        read(",".join([""] * 30), *np.tile(GYRO, 10).T)
+    assert raised.value.code == "no_sensor"
+
+
+def test_names_that_differ_only_by_the_unit_are_two_sensors() -> None:
+    names = "t [s],S X [g],S Y [g],S Z [g],S X [deg/s],S Y [deg/s],S Z [deg/s]"
+    reading = read(names, STEP * 0.01, ACCEL / G, GYRO / DEG)
+    assert reading.certain
+    assert {use.key: use.columns for use in reading.uses} == {
+        "accel": (1, 2, 3),
+        "gyro": (4, 5, 6),
+        "t": (0,),
+    }
+
+
 def test_increments_are_divided_by_their_interval() -> None:
     names = "time [s],dtheta_x [deg],dtheta_y [deg],dtheta_z [deg],dvel_x,dvel_y,dvel_z"
     reading = read(names, 0.01 * STEP, GYRO / DEG / 100.0, ACCEL / 100.0)
