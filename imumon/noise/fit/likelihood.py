@@ -43,7 +43,7 @@ from functools import cached_property
 from typing import TypeAlias
 
 import numpy as np
-from scipy.special import gammainc, gammaincc, ndtr, ndtri
+from scipy.special import gammainc, gammaincc, ndtri
 
 from imumon.model.samples import Floats
 from imumon.noise.fit.model import GRIDDED, WHITE, NoiseTerm, combined, total
@@ -105,13 +105,6 @@ EVIDENCE = 4.8
 Otherwise: at 0 noise alone is measured as B and K in half of the records. Origin: 1.4 % false detections: half of the
 records without the term have the best value at zero (Chernoff 1954). Of N^2 and Q^2 it is the square over that of the
 standard error (`real_effects.py`).
-"""
-
-ROOT_GROWTH = 1.4
-"""Power of K with which the root of its evidence grows where it begins to show.
-
-Otherwise: with 1, values near the threshold are a tenth smaller. Origin: a coefficient with R times the expected noise
-has the evidence R - 1 - ln R, whose root grows with the power 0.7 of R - 1 from 3 to 6.
 """
 
 LIMITS = np.array([0.025, 0.5, 0.975])
@@ -583,27 +576,6 @@ def evidence(surface: Surface, term: NoiseTerm) -> float:
         return np.inf
     log = surface.profile(term)
     return float(2.0 * (log.max() - log[0]))
-
-
-def given_evidence(value: float, shown: float) -> float:
-    """Return a value, corrected for that only records which show a walk state it; 0.0: chance shows as much.
-
-    Of a walk just above nothing, the records show it in which chance makes it large: their median is twice too great.
-    The root z of the evidence is nearly normal about an expectation m, and seen only above c, the root of `EVIDENCE`.
-    Half of what is seen is above z where Phi(m - z) = Phi(m - c) / 2: that m is too large as often as too small.
-
-    >>> [round(given_evidence(1.0, shown), 2) for shown in (5.0, 7.0, 10.0, 20.0)]
-    [0.0, 0.64, 0.92, 1.0]
-    """
-    if shown > 4.0 * EVIDENCE:
-        return value
-    root, least = math.sqrt(shown), math.sqrt(EVIDENCE)
-    expected = root
-    for _ in range(100):  # each step goes a part of the way down; just above c there is no end
-        expected = float(root + ndtri(0.5 * ndtr(expected - least)))
-        if expected <= 0.0:
-            return 0.0
-    return value * math.pow(expected / root, 1.0 / ROOT_GROWTH)
 
 
 def joint_evidence(surface: Surface, terms: Sequence[NoiseTerm]) -> float:
