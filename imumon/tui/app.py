@@ -138,7 +138,6 @@ class ImumonApp(App[int]):
         )
         self._ended = ended
         self._ascii = ascii
-        self._built = False
         self._watched: tuple[str, str | None] | None = None
         # version of the source and everything else that a poll has shown: while both are the same, nothing is drawn
         self._seen: tuple[int, tuple[object, ...]] | None = None
@@ -163,7 +162,6 @@ class ImumonApp(App[int]):
         yield DrawnPanel(footer, id="footer")
 
     def on_mount(self) -> None:
-        self._built = True
         self.set_interval(POLL_S, self.poll)
         self.poll()
         if self.is_web:
@@ -239,9 +237,10 @@ class ImumonApp(App[int]):
 
     def _redraw(self) -> None:
         """Pass the state to the visible widgets."""
-        if not self._built:
+        # below a dialog window, which is the active screen; before and after the run there are no widgets
+        base = self.screen_stack[0] if self.screen_stack else None
+        if base is None or not base.query("#status"):
             return
-        base = self.screen_stack[0]  # below a dialog window, which is the active screen
         base.query_one("#status", DrawnPanel).show(self.view_state)
         base.query_one("#footer", DrawnPanel).show(self.view_state)
         has_channels = bool(self.view_state.channels)
