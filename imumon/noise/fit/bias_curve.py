@@ -90,7 +90,7 @@ def bias_curve(
     Parameters
     ----------
     blocks : means of the whole record.
-    channel : regressor in them.
+    channel : one of them.
     degrees : (blocks,) degC, temperature of the blocks, NaN where missing; None: there is none.
     noise : likelihood of N, B and K of the channel; None: that of the blocks.
     extremes : degC, least and greatest sample of the temperature; None: unknown.

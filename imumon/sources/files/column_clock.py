@@ -66,13 +66,11 @@ class ColumnClock:
         if self._rate is None and stated_hz is not None:
             self._rate, self._reason = stated_hz, f"a comment states {stated_hz:g} Hz"
         names = Counter(column.name for column in columns if column.rises)
-        # clocks of one name are each that of the channel behind it
-        self._words = [
-            f"{c.words} {behind.words} {behind.known and behind.known.quantity}"
-            if names[c.name] > 1
-            else c.words
-            for c, behind in pairwise([*columns, *columns[:1]])
-        ]
+        self._words = [column.words for column in columns]
+        for column, behind in pairwise(columns):
+            if names[column.name] > 1:  # clocks of one name are each that of the channel behind it
+                quantity = "" if behind.known is None else behind.known.quantity
+                self._words[column.index] = f"{column.words} {behind.words} {quantity}"
 
     def time(self, excluded: Collection[int]) -> Use:
         """Return the time, or the rate in its place.
@@ -131,9 +129,8 @@ class ColumnClock:
             return column.unit
         middle, step = float(np.median(column.present)), typical_step(column.present)
         for text, factor in SINCE_UNITS.items():
-            if (
-                text != "s" and column.words == text and _is_possible(step * factor)
-            ):  # `s` may be any quantity
+            # `s` may be any quantity
+            if text != "s" and column.words == text and _is_possible(step * factor):
                 return text
             if SINCE_1970_S[0] <= middle * factor < SINCE_1970_S[1] and _is_possible(step * factor):
                 return text

@@ -249,9 +249,8 @@ def triples(columns: Sequence[NamedColumn]) -> list[Triple]:
 def _axis_triples(columns: Sequence[NamedColumn]) -> list[Triple]:
     """Return all triples of columns whose names differ only by the axis; a column may belong to several."""
     places: dict[tuple[str, str, str, int], dict[str, NamedColumn]] = {}
-    earlier: Counter[str] = (
-        Counter()
-    )  # columns of a name: another sensor may have the same, with another unit
+    # columns of a name so far: another sensor may have the same, with another unit
+    earlier: Counter[str] = Counter()
     for column in columns:
         earlier[column.base] += 1
         for match in _AXIS_PLACES.finditer(column.base):

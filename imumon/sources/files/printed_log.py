@@ -77,8 +77,8 @@ TOKEN = re.compile(
     rf"(?<![\w.])(?P<stamp>{_STAMP})(?!:?\w)|(?:(?<![\w.^])|(?<=[A-Za-z_])(?=[-+]))(?P<number>{_N})(?![.]?\w*\d)"
     rf"|(?<![\w.])(?P<void>{_VOID})(?!\w)"
 )
-"""A date or time of day, a number, or a word for none. Letters behind a number are its unit, unless "
-"digits follow."""
+"""A date or time of day, a number, or a word for none. Letters behind a number are its unit, unless
+digits follow."""
 
 _CODE = re.compile(
     r"\*[0-9A-Fa-f]{2,8}(?=\s*\"?\s*$)|(?<=[:=,\[(\s])(?:true|false|True|False)(?!\w)|\b0x[0-9A-Fa-f]+\b"
