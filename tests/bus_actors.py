@@ -1,4 +1,4 @@
-"""Actors for the tests of the bus: a daemon and a subscriber in processes of their own, and a router.
+"""Actors for the tests of the bus: a daemon and a subscriber in processes of their own.
 
 Run as ``python bus_actors.py ROLE JSON``. An actor prints one JSON object per line, the first one when it is
 ready, and executes the lines that it reads.
@@ -19,8 +19,6 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-import zenoh
-from free_ports import free_port
 from waiting import until
 
 from imumon.model.coefficients import Estimate
@@ -159,19 +157,6 @@ def subscriber(connect: list[str], **settings: Any) -> None:
                 emit(numbers=numbers, at=time.monotonic())
 
 
-def router(endpoint: str) -> zenoh.Session:
-    """Return a bare router, such as a site may have, in this process."""
-    config = zenoh.Config()
-    for path, value in {
-        "mode": "router",
-        "listen/endpoints": [endpoint],
-        "scouting/multicast/enabled": False,
-        "scouting/gossip/enabled": False,
-    }.items():
-        config.insert_json5(path, json.dumps(value))
-    return zenoh.open(config)
-
-
 class Actor:
     """A process with a role; a thread reads what it prints."""
 
@@ -241,10 +226,6 @@ def stage() -> Iterator[Callable[..., Actor]]:
     finally:
         for actor in actors:
             actor.end()
-
-
-def free_endpoint() -> str:
-    return f"tcp/127.0.0.1:{free_port()}"
 
 
 if __name__ == "__main__":

@@ -12,15 +12,10 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 from forked import Forked
-from free_ports import free_port
+from free_ports import free_endpoint
 
 from imumon.bus import Subscriber
 from imumon.model.report import Channel, Report
-
-
-def free_endpoint() -> str:
-    """Endpoint on loopback that nobody listens on."""
-    return f"tcp/127.0.0.1:{free_port()}"
 
 
 def n_is_within_a_tenth(channel: Channel) -> bool:

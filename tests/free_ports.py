@@ -33,3 +33,8 @@ def free_port() -> int:
             counter.truncate(0)
             counter.write(str(port))
             return port
+
+
+def free_endpoint() -> str:
+    """Return an endpoint on loopback that nobody listens on."""
+    return f"tcp/127.0.0.1:{free_port()}"

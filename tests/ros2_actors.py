@@ -7,7 +7,6 @@ imumon, from ROS2.md.
 
 from __future__ import annotations
 
-import json
 import random
 import struct
 import threading
@@ -15,7 +14,7 @@ import time
 from typing import Any
 
 import zenoh
-from free_ports import free_port
+from zenoh_sessions import opened
 
 IMU_HASH = "RIHS01_7d9a00ff131080897a5ec7e26e315954b8eae3353c3f995c55faf71574000b5b"
 ROUTER = {
@@ -38,20 +37,8 @@ PEER = {
 }
 
 
-def free_router() -> str:
-    """Endpoint on which a router can listen."""
-    return f"tcp/127.0.0.1:{free_port()}"
-
-
-def session(values: dict[str, Any]) -> zenoh.Session:
-    config = zenoh.Config()
-    for path, value in values.items():
-        config.insert_json5(path, json.dumps(value))
-    return zenoh.open(config)
-
-
 def router(endpoint: str) -> zenoh.Session:
-    return session({**ROUTER, "listen/endpoints": [endpoint]})
+    return opened({**ROUTER, "listen/endpoints": [endpoint]})
 
 
 def imu_payload(stamp_ns: int, gyro: list[float], accel: list[float], frame: bytes = b"imu_link") -> bytes:
@@ -83,7 +70,7 @@ class Driver:
         paused: bool = False,
     ) -> None:
         self.hide = self.drop = 0
-        self._session = session({**PEER, "connect/endpoints": [endpoint]})
+        self._session = opened({**PEER, "connect/endpoints": [endpoint]})
         kind = f"sensor_msgs::msg::dds_::Imu_/{hash}"
         self._publisher = self._session.declare_publisher(f"{domain}/{topic.strip('/')}/{kind}")
         node = f"@ros2_lv/{domain}/{self._session.zid()}/0"

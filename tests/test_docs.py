@@ -26,7 +26,8 @@ from typing import Any, NamedTuple
 
 import forked
 import pytest
-from daemons import Daemon, free_endpoint
+from daemons import Daemon
+from free_ports import free_endpoint
 from paths import ROOT
 
 import imumon

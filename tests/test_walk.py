@@ -18,8 +18,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from daemons import free_endpoint
 from fake_device import FakeDevice
+from free_ports import free_endpoint
 from source_trees import PACKAGE
 
 from imumon.bus import Subscriber

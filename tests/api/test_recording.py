@@ -14,8 +14,9 @@ from typing import Any
 import forked
 import pytest
 from commands import imumon
-from daemons import Daemon, free_endpoint
+from daemons import Daemon
 from faulty_sensor import spawn
+from free_ports import free_endpoint
 
 from imumon.api.replay import replay
 from imumon.api.replay_options import ReplayOptions

@@ -16,7 +16,7 @@ import forked
 import numpy as np
 import pytest
 from commands import imumon
-from daemons import free_endpoint
+from free_ports import free_endpoint
 from paths import RECORDINGS, needs_recordings
 from waiting import until
 

@@ -17,9 +17,9 @@ from typing import Any
 
 import pytest
 import zenoh
-from bus_actors import CHANNELS, Actor, event, free_endpoint, report, stage
-from bus_actors import router as router_at
-from free_ports import free_port
+import zenoh_sessions
+from bus_actors import CHANNELS, Actor, event, report, stage
+from free_ports import free_endpoint, free_port
 from hypothesis import given
 from hypothesis import strategies as st
 from waiting import until
@@ -31,17 +31,6 @@ from imumon.bus.zenoh_session import LEASE_S, check_endpoint, is_local
 from imumon.config import ZenohSettings
 from imumon.model.report import Event, Report, from_json
 from imumon.model.report_json import to_json
-
-
-def plain_session(endpoint: str, mode: str = "client") -> zenoh.Session:
-    """Open a session as any other tool does, without code of this project."""
-    config = zenoh.Config()
-    config.insert_json5("mode", json.dumps(mode))
-    config.insert_json5("connect/endpoints", json.dumps([endpoint]))
-    config.insert_json5("scouting/multicast/enabled", "false")
-    if mode == "peer":
-        config.insert_json5("listen/endpoints", "[]")
-    return zenoh.open(config)
 
 
 @pytest.fixture(scope="module")
@@ -57,7 +46,7 @@ def endpoint() -> Iterator[str]:
 
 
 def test_every_published_key_answers_a_get(endpoint: str) -> None:
-    with plain_session(endpoint) as session:
+    with zenoh_sessions.client(endpoint) as session:
 
         def get(key: str) -> list[zenoh.Sample]:
             return [reply.ok for reply in session.get(f"imumon/a/{key}") if reply.ok]
@@ -94,7 +83,7 @@ def test_every_published_key_answers_a_get(endpoint: str) -> None:
 
 def test_a_wildcard_subscriber_gets_exactly_the_documented_keys(endpoint: str) -> None:
     received: dict[str, str] = {}
-    with plain_session(endpoint) as session:
+    with zenoh_sessions.client(endpoint) as session:
         session.declare_subscriber(
             "imumon/**", lambda s: received.update({str(s.key_expr): s.payload.to_string()})
         )
@@ -175,7 +164,10 @@ def sent(session: zenoh.Session, number: int) -> None:
 def test_publish_returns_at_once_drops_old_events_and_survives_a_bad_report() -> None:
     address = free_endpoint()
     arrived: list[Any] = []
-    with Publisher("x", ZenohSettings(listen=(address,))) as publisher, plain_session(address) as session:
+    with (
+        Publisher("x", ZenohSettings(listen=(address,))) as publisher,
+        zenoh_sessions.client(address) as session,
+    ):
         session.declare_subscriber(
             "imumon/x/event", lambda s: arrived.append(json.loads(s.payload.to_bytes()))
         )
@@ -214,7 +206,7 @@ def test_reports_arrive_from_a_daemon_whose_clock_is_wrong_or_stepped(
             publisher, "_timestamp", lambda: zenoh.Timestamp(datetime.now(UTC) + offset, source)
         )
         publisher.publish(report("x", 1))
-        with plain_session(address) as session:
+        with zenoh_sessions.client(address) as session:
             sent(session, 1)
         with Subscriber([address]) as subscriber:
             assert subscriber.wait_report("x", timeout=60.0) == report("x", 1)
@@ -228,7 +220,10 @@ def test_reports_arrive_from_a_daemon_whose_clock_is_wrong_or_stepped(
 
 def test_the_grade_is_published_only_when_it_changes() -> None:
     address, received = free_endpoint(), []
-    with Publisher("x", ZenohSettings(listen=(address,))) as publisher, plain_session(address) as session:
+    with (
+        Publisher("x", ZenohSettings(listen=(address,))) as publisher,
+        zenoh_sessions.client(address) as session,
+    ):
         session.declare_subscriber(
             "imumon/x/grade", lambda s: received.append(json.loads(s.payload.to_bytes()))
         )
@@ -427,7 +422,7 @@ def test_each_change_of_an_uplink_and_each_send_error_is_reported_once() -> None
 
     with Publisher("a", ZenohSettings(listen=(free_endpoint(),), connect=(address,))) as publisher:
         until(lambda: reported("no answer"))
-        router = router_at(address)
+        router = zenoh_sessions.router(address)
         until(lambda: reported("connected"))
         router.close()
         until(lambda: reported("lost"))
@@ -446,7 +441,7 @@ def test_a_router_may_start_late_and_restart() -> None:
         with Subscriber([address]) as subscriber, Subscriber([local]) as neighbour:
             assert neighbour.wait_report("a", timeout=60.0)
             assert "no answer" in daemon.request("state")["uplinks"][address]
-            router = router_at(address)
+            router = zenoh_sessions.router(address)
             until(lambda: subscriber.alive() == {"a"})
             assert subscriber.wait_report("a", timeout=60.0) == report("a", 1)
             until(lambda: subscriber.events("a") == [event("a", n) for n in range(3)])
@@ -455,7 +450,7 @@ def test_a_router_may_start_late_and_restart() -> None:
             until(lambda: not subscriber.alive())
             until(lambda: "lost" in (daemon.request("state")["uplinks"][address] or ""))
             assert neighbour.alive() == {"a"}
-            with router_at(address):
+            with zenoh_sessions.router(address):
                 until(lambda: subscriber.alive() == {"a"})
-                with plain_session(address, "peer") as other_tool:  # any other tool
+                with zenoh_sessions.peer(address) as other_tool:  # any other tool
                     until(lambda: [r for r in other_tool.get("imumon/*/gyro/x") if r.ok])

@@ -11,8 +11,8 @@ from pathlib import Path
 
 import pytest
 import zenoh
-from bus_actors import free_endpoint, stage
-from free_ports import free_port
+from bus_actors import stage
+from free_ports import free_endpoint, free_port
 from paths import ROOT
 from waiting import until
 

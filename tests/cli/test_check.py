@@ -21,9 +21,10 @@ import pytest
 import reports
 from blocks_at_rest import DELTAS, LEVEL, NOW, block
 from commands import imumon, run_inside
-from daemons import Daemon, free_endpoint
+from daemons import Daemon
 from documents import words
 from faulty_sensor import spawn
+from free_ports import free_endpoint
 from reports import FakeSource, with_coefficients
 from waiting import until
 

@@ -15,9 +15,9 @@ import numpy as np
 import pytest
 import zenoh
 from commands import imumon
-from daemons import Daemon, free_endpoint, n_is_within_a_tenth
+from daemons import Daemon, n_is_within_a_tenth
 from faulty_sensor import spawn
-from free_ports import free_port
+from free_ports import free_endpoint, free_port
 from histories import with_slopes, write
 from line_sender import datagrams
 from waiting import until

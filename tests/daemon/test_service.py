@@ -14,7 +14,7 @@ import time
 from pathlib import Path
 
 import pytest
-from daemons import free_endpoint
+from free_ports import free_endpoint
 from paths import ROOT
 
 from imumon.config import Settings

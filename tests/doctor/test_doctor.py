@@ -14,10 +14,11 @@ from pathlib import Path
 import forked
 import pytest
 import reports
-from daemons import Daemon, free_endpoint
+from daemons import Daemon
 from fake_device import FakeDriver
 from faulty_sensor import spawn
 from foreign_device import on_a_terminal
+from free_ports import free_endpoint
 from waiting import until
 
 from imumon.config import DeviceSettings, Settings, ZenohSettings

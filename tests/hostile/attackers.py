@@ -6,7 +6,6 @@ Zenoh or sockets alone, without code of imumon.
 
 from __future__ import annotations
 
-import json
 import os
 import resource
 import subprocess
@@ -19,25 +18,13 @@ from pathlib import Path
 from typing import Any
 
 import zenoh
+from paths import TESTS
 from zenoh.handlers import RingChannel
+from zenoh_sessions import client
 
 ADDRESS_SPACE = 4 << 30  # bytes; an attacker must not take the memory of the machine
 BIG = 10_000_000  # bytes
 OPEN: deque[Any] = deque(maxlen=1000)  # handlers of queries, which stay open
-
-
-def session(endpoint: str, **settings: object) -> zenoh.Session:
-    config = zenoh.Config()
-    values = {
-        "mode": "client",
-        "connect/endpoints": [endpoint],
-        "scouting/multicast/enabled": False,
-        "transport/shared_memory/enabled": False,
-        **settings,
-    }
-    for path, value in values.items():
-        config.insert_json5(path, json.dumps(value))
-    return zenoh.open(config)
 
 
 def repeat(endpoint: str, seconds: float, pause_s: float, act: Callable[[zenoh.Session, int], object]) -> int:
@@ -46,7 +33,7 @@ def repeat(endpoint: str, seconds: float, pause_s: float, act: Callable[[zenoh.S
     while time.monotonic() < end:
         try:
             if open_session is None:
-                open_session = session(endpoint)
+                open_session = client(endpoint)
             act(open_session, count)
             count += 1
         except zenoh.ZError:
@@ -95,18 +82,13 @@ def attacking(endpoint: str, id: str, seconds: float, way: Callable[..., int]) -
     """Attack in a way; the yielded list has what the attacker did after the end."""
     command = [sys.executable, str(Path(__file__)), way.__name__, endpoint, id, str(seconds)]
     done: list[int] = []
-    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
+    path = {**os.environ, "PYTHONPATH": str(TESTS)}
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=path) as process:
         try:
             yield done
             done.append(int(process.communicate(timeout=seconds + 30.0)[0]))
         finally:
             process.kill()
-
-
-def resident_mb(pid: int) -> float:
-    """Return the resident memory of a process in MB."""
-    pages = int(Path(f"/proc/{pid}/statm").read_text().split()[1])
-    return pages * resource.getpagesize() / 1e6
 
 
 if __name__ == "__main__":

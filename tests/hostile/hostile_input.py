@@ -1,17 +1,15 @@
-"""Hostile inputs: what one is, the doors that it attacks, and the laws that hold for every input.
+"""Hostile files: what one is, the doors that it attacks, and the laws that hold for every file.
 
-A door is a place where something of others enters imumon. What a person reads of an input has no control character
-and no traceback, and time and memory are bounded.
+A door is a place where a file of others enters imumon. What a person reads of it has no control character and no
+traceback, and time and memory are bounded. `test_hostile_reports.py` has messages, `test_hostile_bus.py` the bus.
 
 | door | an input is | outcomes |
 |---|---|---|
 | recording | a file for `imumon replay` | code of the error; `N samples`: it is read |
 | settings | a file for `--config` | `faults`; `read` |
-| report, signal | JSON of a message | `rejected`; `shown`: in every panel |
-| device-name | a name | `rejected` |
 | saved-report | a file for `imumon report` | `refused` |
 
-The inputs are rows of tables. The name of a row is the id of its test: `pytest -k NAME` runs it.
+The files are rows of tables. The name of a row is the id of its test: `pytest -k NAME` runs it.
 """
 
 from __future__ import annotations
@@ -26,13 +24,11 @@ from typing import Any
 
 import pytest
 from commands import imumon
-from hostile_reports import show_on_screen
 from tables import options
 
 from imumon.api.replay import replay
 from imumon.config import ConfigError, load
 from imumon.model.errors import ImumonError
-from imumon.model.report import Report, Signal, from_json, is_device_name
 
 
 @dataclass(frozen=True)
@@ -125,43 +121,13 @@ def settings(path: Path) -> tuple[str, str]:
     return "read", ""
 
 
-def report(text: str) -> tuple[str, str]:
-    try:
-        message = from_json(Report, text)
-    except ValueError as error:
-        return "rejected", str(error)
-    assert len(text) < 1_000_000  # what is accepted fits into a message of the bus
-    show_on_screen(message, None, ())
-    return "shown", ""
-
-
-def signal(text: str) -> tuple[str, str]:
-    try:
-        from_json(Signal, text)
-    except ValueError as error:
-        return "rejected", str(error)
-    return "accepted", ""
-
-
-def device_name(text: str) -> tuple[str, str]:
-    return "accepted" if is_device_name(text) else "rejected", ""
-
-
 def saved_report(path: Path) -> tuple[str, str]:
     message = imumon("report", path, code=1)
     assert path.parent.name in message
     return "refused", message.rstrip("\n")
 
 
-DOORS: dict[str, Callable[[Any], tuple[str, str]]] = {
-    "recording": recording,
-    "settings": settings,
-    "report": report,
-    "signal": signal,
-    "device-name": device_name,
-    "saved-report": saved_report,
-}
-"""`test_hostile_bus.py` has the doors of the bus."""
+DOORS = {"recording": recording, "settings": settings, "saved-report": saved_report}
 
 
 def go_through(hostile: Hostile, place: Path) -> None:

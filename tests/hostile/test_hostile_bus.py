@@ -13,13 +13,14 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import attackers
-import bus_actors
 import forked
 import pytest
-import zenoh
-from attackers import attacking, resident_mb
-from bus_actors import Actor, event, free_endpoint, report, stage
+import zenoh_sessions
+from attackers import attacking
+from bus_actors import Actor, event, report, stage
+from free_ports import free_endpoint
 from hostile_input import TITLE
+from usage import resident_kb
 from waiting import until
 from zenoh import ext
 
@@ -55,8 +56,8 @@ COMMANDS = (
     ("doctor --port /dev/null", 1, "running: b;"),
 )
 """Commands beside the crafted reports, with their exit code and a part of what they print."""
-GROWTH_MB = 40.0
-"""MB that it may take more during one attack."""
+GROWTH_KB = 40_000
+"""kB that it may take more during one attack."""
 needs_proc = pytest.mark.skipif(
     not Path("/proc/self/statm").exists(),
     reason="there is no /proc, from which the memory of a process is read",
@@ -71,18 +72,11 @@ def publisher(**settings: object) -> Iterator[tuple[Actor, str, Callable[..., Ac
         yield start("daemon", listen=[address], **settings).ready(), address, start
 
 
-def foreign(endpoint: str) -> zenoh.Session:
-    config = zenoh.Config()
-    config.insert_json5("mode", '"client"')
-    config.insert_json5("connect/endpoints", json.dumps([endpoint]))
-    return zenoh.open(config)
-
-
 @pytest.fixture
 def router() -> Iterator[str]:
     """Endpoint of a router that lets everybody publish."""
     endpoint = free_endpoint()
-    with bus_actors.router(endpoint):
+    with zenoh_sessions.router(endpoint):
         yield endpoint
 
 
@@ -98,21 +92,21 @@ def command(*arguments: str, timeout: float = 60.0) -> subprocess.CompletedProce
 @pytest.mark.parametrize("way", [attackers.payload, attackers.many, attackers.forge])
 def test_queries_and_messages_take_bounded_memory(way: Callable[..., int]) -> None:
     with publisher(period=1.0) as (daemon, address, _):
-        before, most = resident_mb(daemon.process.pid), 0.0
+        before, most = resident_kb(daemon.process.pid), 0
         with attacking(address, "a", 2.0, way) as output:
             end = time.monotonic() + 3.0
             while time.monotonic() < end:
-                most = max(most, resident_mb(daemon.process.pid))
+                most = max(most, resident_kb(daemon.process.pid))
                 time.sleep(0.02)
         assert output[0] > 5
-        assert most - before < GROWTH_MB
+        assert most - before < GROWTH_KB
         assert daemon.request("state")["error"] is None
         with Subscriber([address]) as viewer:
             until(lambda: viewer.reports() and viewer.reports()["a"][0].session.samples >= 3)
 
 
 def test_a_hostile_message_is_ignored_and_counted(router: str) -> None:
-    with Subscriber([router]) as viewer, foreign(router) as attacker:
+    with Subscriber([router]) as viewer, zenoh_sessions.client(router) as attacker:
         until(viewer.connected)
         until(lambda: attacker.put("imumon/b/report", to_json(report("b", 5))) or viewer.reports())
         until(lambda: attacker.put("imumon/b/event", to_json(event("b", 1))) or viewer.events("b"))
@@ -138,7 +132,7 @@ def test_commands_print_no_escape_sequences_and_no_traceback(
     router: str, words: str, code: int, says: str
 ) -> None:
     tokens, publishers = [], []
-    with foreign(router) as attacker:
+    with zenoh_sessions.client(router) as attacker:
         for name, text in CRAFTED.items():
             tokens.append(attacker.liveliness().declare_token(f"imumon/{name}/alive"))
             publishers.append(
@@ -207,7 +201,7 @@ def test_a_forged_report_of_a_session_without_a_name_is_noticed(router: str) -> 
     ):
         daemon.publish(report("a", 1))
         until(lambda: viewer.reports())
-        with foreign(router) as forger:
+        with zenoh_sessions.client(router) as forger:
 
             def seen() -> bool:
                 forger.put("imumon/a/report", to_json(report("a", 10**6)))

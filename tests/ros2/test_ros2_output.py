@@ -17,9 +17,10 @@ import numpy as np
 import pytest
 import ros2_actors
 from daemons import Daemon, n_is_within_a_tenth
+from free_ports import free_endpoint
 from report_runs import Run
 from reports import nothing_yet, with_coefficients
-from ros2_actors import free_router, imu_payload
+from ros2_actors import imu_payload
 from ros2_messages import decode
 from waiting import until
 
@@ -112,7 +113,7 @@ def variances_of(payload: bytes) -> tuple[list[float], list[float]]:
 
 
 def test_a_daemon_publishes_diagnostics_and_covariances(tmp_path: Path) -> None:
-    endpoint, settings = free_router(), tmp_path / "config.toml"
+    endpoint, settings = free_endpoint(), tmp_path / "config.toml"
     settings.write_text('[ros2]\ncovariance = "/imu/data_cov"\n')
     with (
         ros2_actors.router(endpoint),
@@ -167,7 +168,7 @@ def test_a_daemon_publishes_diagnostics_and_covariances(tmp_path: Path) -> None:
 
 def test_the_accelerometer_of_another_topic_is_not_that_of_the_messages() -> None:
     """The main topic has an accelerometer of its own: what was measured of another one does not describe it."""
-    endpoint = free_router()
+    endpoint = free_endpoint()
     settings = replace(Settings().ros2, covariance="/out")
     with ros2_actors.router(endpoint), ros2_actors.Driver(endpoint, "/gyro", 200.0):
         made = RosOutput(settings, f"ros2:/gyro?accel=/accel&router={endpoint}")

@@ -20,10 +20,10 @@ import forked
 import numpy as np
 import pytest
 import ros2_actors
-from daemons import free_endpoint
 from device_conformance import Bench, DeviceConformance
 from fake_device import FakeDriver, install_fake
 from faulty_sensor import spawn
+from free_ports import free_endpoint
 from line_sender import LineSender
 from paths import ROOT
 from waiting import until
@@ -71,7 +71,7 @@ def fake(directory: Path, _: str) -> Iterator[Bench]:
 
 @contextmanager
 def ros2(directory: Path, _: str) -> Iterator[Bench]:
-    endpoint = ros2_actors.free_router()
+    endpoint = free_endpoint()
     with ros2_actors.router(endpoint), ros2_actors.Driver(endpoint, "/imu/data", 200.0) as driver:
         yield Bench(
             driver=registry.driver("ros2"), state=directory,

@@ -24,8 +24,8 @@ from pathlib import Path
 import aiohttp
 import pytest
 from browser import PROGRAMS, browser
-from daemons import Daemon, free_endpoint
-from free_ports import free_port
+from daemons import Daemon
+from free_ports import free_endpoint, free_port
 from paths import TESTS
 from waiting import until
 

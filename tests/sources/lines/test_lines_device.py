@@ -14,8 +14,8 @@ from pathlib import Path
 import forked
 import numpy as np
 import pytest
-from daemons import Daemon, free_endpoint
-from free_ports import free_port
+from daemons import Daemon
+from free_ports import free_endpoint, free_port
 from line_sender import COLUMNS, LineSender, datagrams
 from waiting import until
 

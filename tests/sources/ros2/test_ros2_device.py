@@ -15,8 +15,9 @@ from typing import IO, Any, cast
 import pytest
 import ros2_actors
 from daemons import Daemon
+from free_ports import free_endpoint
 from paths import TESTS
-from ros2_actors import free_router, imu_payload
+from ros2_actors import imu_payload
 from ros2_messages import samples
 from waiting import until
 
@@ -38,7 +39,7 @@ UNIX_NS = 1_700_000_000_000_000_000
 @contextmanager
 def system(*, rate_hz: float = 200.0, **options: Any) -> Iterator[tuple[str, ros2_actors.Driver]]:
     """A router and a driver of /imu/data; gives the endpoint and the driver."""
-    endpoint = free_router()
+    endpoint = free_endpoint()
     with (
         ros2_actors.router(endpoint),
         ros2_actors.Driver(endpoint, "/imu/data", rate_hz, **options) as driver,
@@ -89,7 +90,7 @@ def test_counters_add_up_over_losses() -> None:
 
 
 def test_the_daemon_waits_for_the_topic_and_follows_its_driver(tmp_path: Path) -> None:
-    endpoint = free_router()
+    endpoint = free_endpoint()
     with Daemon(f"ros2:/imu/data?router={endpoint}", tmp_path) as daemon:
         daemon.wait(lambda r: r.state == "waiting" and r.device.id == "ros2-imu-data")
         with ros2_actors.router(endpoint), ros2_actors.Driver(endpoint, "/other", 50.0, paused=True):
@@ -145,7 +146,7 @@ def line(pipe: IO[str] | None) -> str:
 
 
 def test_we_read_what_zenoh_ros2_sdk_publishes_and_it_sees_us() -> None:
-    endpoint = free_router()
+    endpoint = free_endpoint()
     with ros2_actors.router(endpoint), sdk("publish", endpoint, "/imu/sdk") as driver:
         assert line(driver.stdout) == "ready\n"
         made = device(f"ros2:/imu/sdk?router={endpoint}")
@@ -188,7 +189,7 @@ def test_a_publication_has_the_hash_of_the_distribution() -> None:
 @pytest.mark.slow
 def test_a_driver_that_restarts_or_changes_its_rate_is_handled_like_a_sensor(tmp_path: Path) -> None:
     """A restart is a gap of known length; another rate is another record; a restarted daemon continues."""
-    endpoint = free_router()
+    endpoint = free_endpoint()
     url = f"ros2:/imu/data?router={endpoint}"
     with ros2_actors.router(endpoint):
         with ros2_actors.Driver(endpoint, "/imu/data", 200.0), Daemon(url, tmp_path) as daemon:
