@@ -2,29 +2,24 @@
 
 from __future__ import annotations
 
-import os
 import random
 import re
-import termios
-import time
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from faulty_sensor import FaultySensorProcess, spawn
+from faulty_sensor import spawn
 from vn100_bench import RATE, Bench, Killed, kinds
 
 from imumon.config import DeviceSettings
-from imumon.model.samples import DeviceInfo, SampleBlock
+from imumon.model.samples import DeviceInfo
 from imumon.sources.device import DeviceError, DeviceLost, DeviceNotFound, DeviceOptions, InvalidOption
 from imumon.sources.ports import BAUD_RATES
-from imumon.sources.serial_port import SerialPort
 from imumon.sources.vn100.commands import NotAVn100
 from imumon.sources.vn100.emulator import EmulatorSettings
 from imumon.sources.vn100.emulator.command_handler import CommandHandler
 from imumon.sources.vn100.emulator.emulator import make_device
 from imumon.sources.vn100.stream_settings import alias_factors
-from imumon.sources.vn100.vn100_session import Vn100Device, Vn100Session
+from imumon.sources.vn100.vn100_session import Vn100Device
 
 # ---------------------------------------------------------------------- connection
 
@@ -46,14 +41,6 @@ def test_first_connection_finds_every_baud_and_streams_at_the_highest_rate(baud:
     assert notices == []
     assert samples == pytest.approx((bench.now - begun) * info.sample_rate_hz, abs=3)
     assert info.sample_rate_hz * 64 <= 0.6 * baud / 10
-
-
-@pytest.mark.parametrize("rate", [0.0, 1.0, 200.0])
-def test_stream_does_not_depend_on_the_previous_output(rate: float) -> None:
-    device = make_device(EmulatorSettings(seed=1, baud=460800, rate=rate))
-    bench = Bench(device)
-    samples, _ = bench.run(bench.streaming(), 1.0)
-    assert samples >= 395
 
 
 def test_the_requested_output_rate_is_set_and_the_change_is_said() -> None:
@@ -249,36 +236,22 @@ def test_alias_factors_follow_the_definition() -> None:
 # ---------------------------------------------------------------------- faults
 
 
-def test_a_restarted_sensor_is_lost_and_configured_again() -> None:
-    bench = Bench()
-    session = bench.streaming()
-    saved = session.save_settings()
-    bench.run(session, 1.0)
-    bench.power_cut()
-    with pytest.raises(DeviceLost):
-        bench.run(session, 5.0)
-    session = bench.streaming(saved=saved)
-    samples, notices = bench.run(session, 1.0)
-    assert samples >= 95
-    assert notices == []
-    assert session.restore()
-    assert bench.device.registers[6] == ("14",)
-
-
 @pytest.mark.few
-@pytest.mark.parametrize("flash", [9600, 460800])
-def test_other_baud_after_a_power_interruption_is_found(flash: int) -> None:
+@pytest.mark.parametrize("flash", [9600, 115200, 460800])
+def test_a_sensor_is_found_at_any_baud_and_configured_again_after_a_power_interruption(flash: int) -> None:
     bench = Bench(make_device(EmulatorSettings(seed=1, baud=flash, rate=RATE.get(flash, 40.0))))
     session = bench.streaming(DeviceSettings(set_baud=115200))
     saved = session.save_settings()
-    assert bench.baud == 115200
     bench.run(session, 0.5)
     bench.power_cut()
     with pytest.raises(DeviceLost):
         bench.run(session, 14.0)
     session = bench.streaming(DeviceSettings(set_baud=115200), saved)
-    assert bench.run(session, 1.0)[0] >= 95
+    samples, notices = bench.run(session, 1.0)
+    assert (samples >= 95, notices) == (True, [])
     assert bench.baud == 115200, "the requested baud rate is set again"
+    assert session.restore()
+    assert bench.device.registers[6] == ("14",)
 
 
 def test_a_silent_sensor_is_lost_and_found_again() -> None:
@@ -347,7 +320,8 @@ def test_restore_restores_every_register(seed: int) -> None:
     stream = dice.choice(("deltas", "uncompensated", "compensated"))
     session = bench.streaming(DeviceSettings(stream=stream, set_baud=dice.choice((0, 460800))))  # type: ignore[arg-type]
     assert bench.registers() != before
-    bench.run(session, 0.5)
+    samples, _ = bench.run(session, 1.0)
+    assert samples >= 0.95 * session.info().sample_rate_hz, "whatever the sensor sent before"
     assert session.restore()
     assert bench.registers() == before
     assert session.restore(), "a second call writes nothing"
@@ -419,66 +393,6 @@ def test_old_saved_settings_do_not_undo_later_changes_of_the_user() -> None:
 
 
 # ---------------------------------------------------------------------- emulator process
-
-
-@pytest.fixture
-def emulator() -> Iterator[FaultySensorProcess]:
-    with spawn(EmulatorSettings(seed=1)) as running:
-        yield running
-
-
-def live(session: Vn100Session, seconds: float, enough: int) -> int:
-    """Samples until there are enough, or so long."""
-    count, until = 0, time.monotonic() + seconds
-    while count < enough and time.monotonic() < until:
-        for item in session.decode(session.read(0.1)):
-            count += len(item) if isinstance(item, SampleBlock) else 0
-        session.check_health()
-    return count
-
-
-@pytest.mark.few
-@pytest.mark.parametrize("baud", [115200, 921600, 230400])
-def test_first_connection_on_a_terminal(baud: int) -> None:
-    with spawn(EmulatorSettings(seed=1, baud=baud)) as running, SerialPort(running.path) as port:
-        session = Vn100Session(port, DeviceSettings(), time.monotonic)
-        session.connect()
-        session.configure()
-        assert live(session, 3.0, 50) >= 50
-        fd = os.open(running.path, os.O_RDWR | os.O_NOCTTY)
-        assert termios.tcgetattr(fd)[5] == getattr(termios, f"B{baud}")
-        os.close(fd)
-        assert session.decoder.bad_checksums == session.decoder.discarded == 0
-        assert session.restore()
-
-
-def test_replugged_sensor_under_another_name(tmp_path: Path) -> None:
-    link = tmp_path / "sensor"
-    with spawn(EmulatorSettings(seed=1, link=str(link))) as running:
-        with SerialPort(str(link)) as port:
-            session = Vn100Session(port, DeviceSettings(), time.monotonic)
-            serial = session.connect().serial
-            saved = session.save_settings()
-            session.configure()
-            assert live(session, 3.0, 20) >= 20
-            first = os.path.realpath(link)
-            running.ask("unplug")
-            with pytest.raises(DeviceLost):
-                live(session, 5.0, 10**6)
-        taken = []  # the old name must be taken: another process may have freed a lower one
-        while not os.path.exists(first):
-            taken.append(os.open("/dev/ptmx", os.O_RDWR | os.O_NOCTTY))
-        running.ask("replug")
-        assert os.path.realpath(link) != first
-        with SerialPort(str(link)) as port:
-            again = Vn100Session(port, DeviceSettings(), time.monotonic, decoder=session.decoder)
-            assert again.connect().serial == serial
-            again.save_settings(saved)
-            again.configure()
-            assert live(again, 3.0, 20) >= 20
-            assert again.restore()
-        for terminal in taken:
-            os.close(terminal)
 
 
 def test_another_sensor_in_the_place_of_a_lost_one_is_refused(tmp_path: Path) -> None:
