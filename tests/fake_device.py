@@ -7,6 +7,7 @@ the file is a remark.
 from __future__ import annotations
 
 import time
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -76,10 +77,10 @@ class FakeDriver(DeviceDriver):
         return FakeDevice(options)
 
 
-def install_fake(site: Path) -> None:
-    """Install a distribution with this device below `site`, for ``PYTHONPATH``."""
-    info = site / "imumon_fake-1.0.dist-info"
+def install(site: Path, name: str, devices: Mapping[str, str]) -> None:
+    """Install a distribution with these devices, without its modules, below `site`, for ``PYTHONPATH``."""
+    info = site / f"{name.replace('-', '_')}-1.0.dist-info"
     info.mkdir(parents=True)
-    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: imumon-fake\nVersion: 1.0\n")
-    (info / "entry_points.txt").write_text("[imumon.devices]\nfake = fake_device:FakeDriver\n")
-    (site / "fake_device.py").write_text(Path(__file__).read_text())
+    (info / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {name}\nVersion: 1.0\n")
+    points = (f"{scheme} = {driver}\n" for scheme, driver in devices.items())
+    (info / "entry_points.txt").write_text(f"[imumon.devices]\n{''.join(points)}")

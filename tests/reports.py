@@ -198,10 +198,11 @@ def history_reply(channel: str, span: float, step: str) -> tuple[bytes, bytes]:
 class FakeSource:
     """A report source that a test sets: what a subscriber would have received."""
 
+    version = 1
+
     def __init__(
         self, *reports: Report, age: float = 0.0, alive: bool = True, connected: bool = True
     ) -> None:
-        self.version = 1
         self.now = 1000.0
         self._reports = {r.device.id: (r, self.now - age) for r in reports}
         self._alive = set(self._reports) if alive else set()

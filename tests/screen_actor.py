@@ -8,21 +8,22 @@ from dataclasses import replace
 
 import reports
 
-from imumon.model.report import Event, Report, Signal
+from imumon.model.report import Report, Signal
 from imumon.tui import app, run
 
 START_S = 60.0
 """s, elapsed time of the first report."""
 
 
-class GrowingSource:
+class GrowingSource(reports.FakeSource):
     """A new report every other second, of three seconds of the sensor per second: the saved one with other times."""
 
     def __init__(self) -> None:
+        super().__init__(reports.report())
         self._begin = time.monotonic()
 
     @property
-    def version(self) -> int:
+    def version(self) -> int:  # type: ignore[override]
         return int(0.5 * (time.monotonic() - self._begin))
 
     def reports(self) -> dict[str, tuple[Report, float]]:
@@ -30,29 +31,8 @@ class GrowingSource:
         session = replace(saved.session, elapsed_s=START_S + 6.0 * self.version)
         return {reports.ID: (replace(saved, session=session), time.monotonic())}
 
-    def alive(self) -> set[str]:
-        return {reports.ID}
-
-    def events(self, id: str) -> list[Event]:
-        return reports.events()
-
-    def rivals(self) -> dict[str, tuple[str, ...]]:
-        return {}
-
-    def watch(self, id: str, channel: str | None) -> None:
-        pass
-
-    def signal(self) -> tuple[Signal, float] | None:
+    def signal(self) -> tuple[Signal, float]:
         return reports.signal(), time.monotonic()
-
-    def watch_history(self, asked: object) -> None:
-        pass
-
-    def history_answer(self) -> None:
-        return None
-
-    def connected(self) -> bool:
-        return True
 
 
 if __name__ == "__main__":

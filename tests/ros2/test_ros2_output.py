@@ -5,11 +5,8 @@ from __future__ import annotations
 import importlib.util
 import random
 import sys
-import threading
-import time
 from collections.abc import Iterator
 from dataclasses import replace
-from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -18,8 +15,7 @@ import pytest
 import ros2_actors
 from daemons import Daemon, n_is_within_a_tenth
 from free_ports import free_endpoint
-from report_runs import Run
-from reports import nothing_yet, with_coefficients
+from reports import nothing_yet, report, with_coefficients
 from ros2_actors import imu_payload
 from ros2_messages import decode
 from waiting import until
@@ -37,12 +33,6 @@ from imumon.sources import registry
 from imumon.sources.device import Device, DeviceOptions
 
 
-@cache
-def report() -> Report:
-    """A report of two minutes."""
-    return Run(120.0, seed=3).report_at(120.0)
-
-
 def statuses(report: Report) -> dict[str, dict[str, Any]]:
     """Statuses of a report by name, with their values as a dict."""
     fields = decode(DIAGNOSTIC_ARRAY, diagnostics(report, 1_700_000_000_000_000_000, "imumon"))
@@ -54,7 +44,7 @@ def statuses(report: Report) -> dict[str, dict[str, Any]]:
 
 
 def test_each_sensor_and_the_stream_have_a_status() -> None:
-    made = report()
+    made = report(200.0)
     shown = statuses(made)
     assert list(shown) == ["imumon: stream", "imumon: gyro", "imumon: accel"]
     gyro = shown["imumon: gyro"]
@@ -73,7 +63,7 @@ def test_each_sensor_and_the_stream_have_a_status() -> None:
 
 
 def test_the_level_follows_the_severity() -> None:
-    calm = replace(report(), session=replace(report().session, missing=0))
+    calm = replace(report(200.0), session=replace(report(200.0).session, missing=0))
     assert statuses(calm)["imumon: stream"]["level"] == DiagnosticLevel.OK
     lossy = replace(calm, session=replace(calm.session, recent_loss=0.02))
     assert (
@@ -89,7 +79,7 @@ def test_the_level_follows_the_severity() -> None:
 
 
 def test_variances_are_those_of_measured_coefficients_only() -> None:
-    made = report()
+    made = report(200.0)
     found = sample_variances(made, "gyro")
     n, rate = made.channels["gyro/y"].coefficients["N"], made.device.sample_rate_hz
     assert found[1] == pytest.approx(n.value**2 * rate)
@@ -174,7 +164,7 @@ def test_the_accelerometer_of_another_topic_is_not_that_of_the_messages() -> Non
         made = RosOutput(settings, f"ros2:/gyro?accel=/accel&router={endpoint}")
         node = open_node(parse_url(f"ros2:/x?router={endpoint}"), "listener")
         heard = node.subscribe("/out", IMU)
-        made.update(report())
+        made.update(report(200.0))
         fields = decode(IMU, until(heard.take)[0].payload)
         made.close()
         node.close()
@@ -229,19 +219,6 @@ def test_a_missing_cyclone_dds_is_an_error_with_a_cure(monkeypatch: pytest.Monke
         open_node(parse_url("ros2:/imu?rmw=dds"))
     assert caught.value.code == "dds_not_installed"
     assert "[dds]" in caught.value.cure
-
-
-def publish(node: RosNode, stop: threading.Event, rate_hz: float = 100.0) -> None:
-    """Publish an IMU at rest until the event: 1e-3 rad/s and 1e-2 m/s^2."""
-    topic = node.advertise("/imu/data", IMU)
-    noise, gravity = np.random.default_rng(1), np.array([0.0, 0.0, 9.81])
-    begin, count = time.time_ns(), 0
-    while not stop.is_set():
-        stamp = begin + round(count * 1e9 / rate_hz)
-        gyro, accel = noise.normal(scale=1e-3, size=3), noise.normal(gravity, 1e-2)
-        topic.publish(imu_payload(stamp, gyro.tolist(), accel.tolist()), stamp)
-        count += 1
-        time.sleep(max(0.0, (begin + count * 1e9 / rate_hz - time.time_ns()) * 1e-9))
 
 
 @needs_dds

@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-import json
 import os
 import re
 import shutil
 import socket
 import subprocess
 import sys
+import threading
 import time
 import tomllib
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from importlib.metadata import distribution
 from pathlib import Path
 
@@ -20,10 +20,11 @@ import forked
 import numpy as np
 import pytest
 import ros2_actors
+from daemons import Daemon
 from device_conformance import Bench, DeviceConformance
-from fake_device import FakeDriver, install_fake
+from fake_device import FakeDriver, install
 from faulty_sensor import spawn
-from free_ports import free_endpoint
+from free_ports import free_endpoint, free_port
 from line_sender import LineSender
 from paths import ROOT
 from waiting import until
@@ -303,19 +304,16 @@ def test_a_device_that_is_lost_again_at_once_is_opened_ever_less_often(
 def installed(tmp_path: Path) -> dict[str, str]:
     """Environment in which a distribution with the fake device is installed."""
     site = tmp_path / "site"
-    install_fake(site)
-    return {**os.environ, "PYTHONPATH": str(site)}
-
-
-def imumon(*arguments: str, env: dict[str, str]) -> subprocess.CompletedProcess[str]:
-    return forked.run(*arguments, environment=env)
+    install(site, "imumon-fake", {"fake": "fake_device:FakeDriver"})
+    (site / "fake_device.py").write_text((ROOT / "tests" / "fake_device.py").read_text())
+    return {"PYTHONPATH": str(site)}
 
 
 def test_what_a_device_cannot_use_is_refused_by_name(installed: dict[str, str], tmp_path: Path) -> None:
     config = tmp_path / "config.toml"
     config.write_text("[device]\nbaud = 'auto'\nlisten_only = true\n")
     words = ("run", "--port", "fake:x", "--config", str(config), "--state", str(tmp_path))
-    done = imumon(*words, env=installed)
+    done = forked.run(*words, environment=installed)
     assert done.returncode == 2
     assert done.stderr.startswith(f"imumon: fake:x cannot use listen_only in {config}:3: ")
 
@@ -323,12 +321,11 @@ def test_what_a_device_cannot_use_is_refused_by_name(installed: dict[str, str], 
 def test_a_broken_driver_disturbs_no_other(installed: dict[str, str], tmp_path: Path) -> None:
     site = Path(installed["PYTHONPATH"])
     (site / "fake_device.py").write_text("raise RuntimeError('broken')\n")
-    done = imumon("run", "--port", "fake:x", "--state", str(tmp_path), env=installed)
+    done = forked.run("run", "--port", "fake:x", "--state", str(tmp_path), environment=installed)
     assert done.returncode == 1
     assert "Traceback" not in done.stderr
     assert "broken" in done.stderr
-    with suppress(subprocess.TimeoutExpired):
-        assert imumon("--version", env=installed).returncode == 0
+    assert forked.run("--version", environment=installed).returncode == 0
 
 
 def code_block(language: str, number: int = 0) -> str:
@@ -356,35 +353,30 @@ def test_a_third_party_holds_its_device_to_the_contract(tmp_path: Path) -> None:
 
 
 def test_the_example_of_the_documentation_runs(tmp_path: Path) -> None:
-    project = tomllib.loads(code_block("toml"))["project"]
-    info = tmp_path / "site" / "imumon_udp-1.0.dist-info"
-    info.mkdir(parents=True)
-    (info / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {project['name']}\nVersion: 1.0\n")
-    points = project["entry-points"]["imumon.devices"]
-    lines = [f"{name} = {value}" for name, value in points.items()]
-    (info / "entry_points.txt").write_text("\n".join(["[imumon.devices]", *lines, ""]))
+    points = tomllib.loads(code_block("toml"))["project"]["entry-points"]["imumon.devices"]
+    install(tmp_path / "site", "imumon-udp", points)
     (tmp_path / "site" / "imumon_udp.py").write_text(code_block("python"))
-    env = {**os.environ, "PYTHONPATH": str(tmp_path / "site")}
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        probe.bind(("127.0.0.1", 0))
-        port = probe.getsockname()[1]
-    command = [sys.executable, "-m", "imumon", "run", "--port", f"udp:{port}", "--duration", "4", "--json"]
-    command += ["--state", str(tmp_path / "state"), "--listen", free_endpoint()]
-    daemon = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=env)
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
-        random = np.random.default_rng(1)
-        begin = time.monotonic()
-        k = 0
-        while daemon.poll() is None and time.monotonic() < begin + 30.0:
-            if k != 300:  # one is lost
+    port, ending = free_port(), threading.Event()
+
+    def send() -> None:
+        random, begin, k = np.random.default_rng(1), time.monotonic(), 0
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
+            while not ending.wait(max(0.0, begin + k / 200.0 - time.monotonic())):
                 row = [k / 200.0, *random.normal(0.0, 1e-3, 6)]
-                sender.sendto(" ".join(f"{x:.9g}" for x in row).encode(), ("127.0.0.1", port))
-            k += 1
-            time.sleep(max(0.0, begin + k / 200.0 - time.monotonic()))
-    out, err = daemon.communicate(timeout=60)
-    assert daemon.returncode == 0, err
-    made = json.loads(out)
-    assert made["device"]["id"] == f"udp-{port}"
-    assert made["device"]["sample_rate_hz"] == pytest.approx(200.0, rel=1e-3)
-    assert made["session"]["samples"] > 200
-    assert made["session"]["received_bytes"] > 0
+                if k % 300:  # the others are lost
+                    sender.sendto(" ".join(f"{x:.9g}" for x in row).encode(), ("127.0.0.1", port))
+                k += 1
+
+    path = {"PYTHONPATH": str(tmp_path / "site")}
+    thread = threading.Thread(target=send)
+    with Daemon(f"udp:{port}", tmp_path / "state", environment=path) as daemon:
+        thread.start()
+        try:
+            made = daemon.wait(lambda report: report.session.missing > 0)
+        finally:
+            ending.set()
+            thread.join()
+    assert made.device.id == f"udp-{port}"
+    assert made.device.sample_rate_hz == pytest.approx(200.0, rel=1e-3)
+    assert made.session.samples > 200
+    assert made.session.received_bytes > 0

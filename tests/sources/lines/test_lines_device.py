@@ -197,12 +197,6 @@ def test_a_recording_is_replayed_with_the_same_numbers(tmp_path: Path) -> None:
     assert other["session"]["bad_checksums"] == 1
 
 
-def test_what_a_line_cannot_use_is_refused(tmp_path: Path) -> None:
-    done = forked.run("run", "--port", "lines:-", "--set-baud", "9600", "--state", str(tmp_path))
-    assert done.returncode == 2
-    assert "lines:- cannot use --set-baud" in done.stderr
-
-
 def test_the_first_line_of_a_port_may_be_half_of_one(tmp_path: Path) -> None:
     """A half line may have all columns: only its first number is short."""
     sender = LineSender("tcp", tmp_path, rate_hz=1000.0)
