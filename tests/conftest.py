@@ -6,7 +6,10 @@ import os
 import shutil
 import sys
 import tempfile
+import threading
 from collections import Counter
+from multiprocessing.connection import Connection
+from pathlib import Path
 from zlib import crc32
 
 import pytest
@@ -61,6 +64,36 @@ def _balance_every_ledger() -> None:
         return session
 
     Record._counted = balanced  # type: ignore[method-assign]
+
+
+class LogThread:
+    """The process that reads a log, as a thread: to start Python takes longer than most tests of a log."""
+
+    def __init__(self, command: list[str], **_: object) -> None:
+        from imumon.sources.files.log_process.__main__ import serve
+
+        words = command[command.index("imumon.sources.files.log_process") + 1 :]
+        kind, path, end, *definitions = words
+        pipe = Connection(os.dup(int(end)))
+
+        def run() -> None:
+            with pipe:
+                serve(kind, Path(path), pipe, *map(Path, definitions))
+
+        self._thread = threading.Thread(target=run)
+        self._thread.start()
+
+    def kill(self) -> None:
+        pass
+
+    def wait(self) -> None:
+        self._thread.join()
+
+
+@pytest.fixture
+def log_in_thread(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Read logs in a thread; tests of the command and of hostile files have the real process."""
+    monkeypatch.setattr("imumon.sources.files.log_file.Popen", LogThread)
 
 
 @pytest.hookimpl(tryfirst=True)  # before pytest leaves out what is slow

@@ -151,6 +151,7 @@ def test_a_sample_of_several_lines_has_parts() -> None:
     assert decoder.ledger["part"] == samples == 50
 
 
+@pytest.mark.usefixtures("log_in_thread")
 @pytest.mark.parametrize("kind", ["npz", "json", *BAGS, "ulog"])
 def test_rows_of_other_forms_are_counted(kind: str, tmp_path: Path) -> None:
     t, gyro, accel = truth(300)

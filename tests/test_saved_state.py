@@ -47,12 +47,7 @@ def feed(made: PlacedRecord, lengths: list[int], seed: int) -> None:
 LENGTHS = st.lists(st.integers(1, 4000), min_size=1, max_size=6)
 
 
-@settings(
-    max_examples=8, deadline=None, phases=(Phase.explicit, Phase.generate)
-)  # a smaller case says no more
-@given(before=LENGTHS, after=LENGTHS, seed=st.integers(0, 2**32 - 1))
-def test_what_is_restored_continues_exactly(before: list[int], after: list[int], seed: int) -> None:
-    """All accumulators of a record, with their marks, at any moment."""
+def check_continuation(before: list[int], after: list[int], seed: int) -> None:
     one = PlacedRecord(STREAM.channels, RATE)
     feed(one, before, seed)
     two = one.restored()
@@ -61,6 +56,14 @@ def test_what_is_restored_continues_exactly(before: list[int], after: list[int],
         feed(made, after, seed + 1)
         made.record.flush()
     assert two.saved() == one.saved()
+
+
+@pytest.mark.parametrize("count", [3, pytest.param(40, marks=pytest.mark.slow)])
+def test_what_is_restored_continues_exactly(count: int) -> None:
+    """All accumulators of a record, with their marks, at any moment."""
+    law = given(before=LENGTHS, after=LENGTHS, seed=st.integers(0, 2**32 - 1))(check_continuation)
+    phases = (Phase.explicit, Phase.generate)  # a smaller case says no more
+    settings(max_examples=count, deadline=None, phases=phases)(law)()
 
 
 @pytest.fixture(scope="module")

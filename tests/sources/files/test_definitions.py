@@ -15,6 +15,7 @@ from tables import csv, replayed, truth
 from imumon.sources.files import OptionNotApplicable, RecordingError
 from imumon.sources.files.base import OptionError
 
+pytestmark = pytest.mark.usefixtures("log_in_thread")
 T, GYRO, ACCEL = truth(600)
 NS = 1_700_000_000_000_000_000 + np.rint(T * 1e9).astype(np.int64)
 

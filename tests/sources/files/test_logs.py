@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-import os
 import re
 import sys
-import threading
-from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
 
@@ -20,41 +17,10 @@ from tables import read, replayed, truth
 
 from imumon.sources.files import RecordingError
 from imumon.sources.files.columns import parse_map
-from imumon.sources.files.log_process.__main__ import serve
 
 pyulog = pytest.importorskip("pyulog", reason="pyulog is not installed (extra px4)")
 DFReader = pytest.importorskip("pymavlink.DFReader", reason="pymavlink is not installed (extra ardupilot)")
-
-
-class InThread:
-    """The log process as a thread: to start Python takes longer than most of these tests."""
-
-    def __init__(self, command: list[str], **_: object) -> None:
-        *_, kind, path, end = command
-        pipe = Connection(os.dup(int(end)))
-
-        def run() -> None:
-            with pipe:
-                serve(kind, Path(path), pipe)
-
-        self._thread = threading.Thread(target=run)
-        self._thread.start()
-
-    def kill(self) -> None:
-        pass
-
-    def wait(self) -> None:
-        self._thread.join()
-
-
-REAL = ("selected",)
-"""Words in the names of tests with the real process; tests/hostile and tests/sources/files have others."""
-
-
-@pytest.fixture(autouse=True)
-def _in_thread(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
-    if not any(word in request.node.name for word in REAL):
-        monkeypatch.setattr("imumon.sources.files.log_file.Popen", InThread)
+pytestmark = pytest.mark.usefixtures("log_in_thread")
 
 
 def combined(t: np.ndarray, gyro: np.ndarray, accel: np.ndarray, dt: int = 4000) -> list[tuple[Any, ...]]:
