@@ -140,8 +140,8 @@ def split_unit(name: str) -> tuple[str, str]:
     >>> split_unit("raw_angular_rate_x_deg_per_s"), split_unit("accelXMps2"), split_unit("ax_g"), split_unit("seconds")
     (('raw_angular_rate_x', 'deg_per_s'), ('accelX', 'Mps2'), ('ax', 'g'), ('seconds', 'seconds'))
     """
-    text = re.sub(r"(?:\|-?[\d.]+)+$", "", name.strip())  # the limits of a channel
-    text = text.strip("\"'").lstrip("#% ")
+    text, *behind_bars = re.split(r"[\"']?\|[\"']?", name.strip().strip("\"'").lstrip("#% "))
+    text = " ".join([text, *(f"[{part}]" for part in behind_bars if re.search(r"[^\W\d]", part))])
     text, stated = _without_brackets(text)
     if stated:
         return text.strip(), stated

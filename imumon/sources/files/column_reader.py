@@ -85,7 +85,6 @@ def read_columns(
     source: str = "",
     stated_hz: float | None = None,
     dates: Sequence[int] = (),
-    where: Sequence[tuple[str, str]] = (),
 ) -> Reading:
     """Return what the columns of a table are.
 
@@ -97,7 +96,6 @@ def read_columns(
     source : text before the table, or its name: it may say of which sensor the rows are.
     stated_hz : Hz, rate that a comment states.
     dates : columns that were dates; their numbers are seconds.
-    where : rows that were chosen.
 
     Raises
     ------
@@ -117,7 +115,7 @@ def read_columns(
         hint = "mag" if re.search("mag|field", base, re.IGNORECASE) else ""
         columns.append(NamedColumn(k, name, base, unit, known_unit(unit, hint) if unit else None, rows[:, k]))
     clock = ColumnClock(columns, options, stated_hz, set(dates))
-    return replace(_ColumnReader(columns, options, source, clock).reading(), where=tuple(where))
+    return _ColumnReader(columns, options, source, clock).reading()
 
 
 class _ColumnReader:
@@ -153,7 +151,7 @@ class _ColumnReader:
         uses |= self._beside(self._free(uses.values()))
         unused = {column.index: _why_unused(column) for column in self._free(uses.values())}
         views = tuple(_views(self._columns, uses))
-        return Reading(self._names, tuple(uses.values()), views, (), tuple(self._remarks), unused)
+        return Reading(self._names, tuple(uses.values()), views, remarks=tuple(self._remarks), unused=unused)
 
     def _free(self, uses: Iterable[Use]) -> list[NamedColumn]:
         """Return the columns that have none of some uses."""

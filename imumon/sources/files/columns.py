@@ -209,7 +209,6 @@ class Reading:
     where : rows that are read, by column.
     remarks : what is not used, or doubtful.
     unused : why other columns are not used, by their places.
-    caveats : codes of doubts.
     """
 
     names: tuple[str, ...]
@@ -218,7 +217,6 @@ class Reading:
     where: tuple[tuple[str, str], ...] = ()
     remarks: tuple[str, ...] = ()
     unused: Mapping[int, str] = field(default_factory=dict)
-    caveats: tuple[str, ...] = ()
 
     @property
     def certain(self) -> bool:
@@ -292,7 +290,7 @@ class Reading:
             times=self._times(by_key.get("t")),
             interval=self._interval(dt),
             remarks=(*(f"assumed: {use.reason}" for use in assumed), *self.remarks),
-            caveats=tuple(dict.fromkeys((*(use.assumption for use in assumed), *self.caveats))),
+            caveats=tuple(dict.fromkeys(use.assumption for use in assumed)),
             gyro="deltas" if points and kinds.get("gyro") == "deltas" else None,
             accel="deltas" if points and kinds.get("accel") == "deltas" else None,
             rate_hz=None if rate is None or rate.known is None else rate.known.factor,
