@@ -41,7 +41,7 @@ def number_labels(record: Sequence[PrintedLine]) -> tuple[tuple[str, ...], tuple
             labels.add(text, is_date=line.dates[k])
     if labels.names:
         labels.state_unit_behind(_between(tail, first=False)[0])
-    return _two_in_one(_distinct(labels.names, record)), tuple(labels.units)
+    return tuple(_distinct(labels.names, record)), tuple(labels.units)
 
 
 @dataclass(slots=True)
@@ -124,17 +124,6 @@ def _distinct(names: Sequence[str], record: Sequence[PrintedLine]) -> list[str]:
         of_names = names[len(result) : len(result) + len(line.values)]
         result += [f"{describing} {name}".strip() if counts[name] > 1 else name for name in of_names]
     return result
-
-
-def _two_in_one(names: Sequence[str]) -> tuple[str, ...]:
-    """Return names of which a list of six numbers behind ``a/g`` is two lists."""
-    result = list(names)
-    for k, name in enumerate(names):
-        label = name.removesuffix("[0]")
-        both = label.split("/")
-        if len(both) == 2 and list(names[k : k + 6]) == [f"{label}[{j}]" for j in range(6)]:
-            result[k : k + 6] = [f"{part}[{j}]" for part in both for j in range(3)]
-    return tuple(result)
 
 
 def _between(text: str, *, first: bool) -> tuple[str, str, str, str, bool]:
