@@ -217,7 +217,7 @@ class _ColumnReader:
 
     def _words(self, triple: Triple) -> str:
         """Return the words of a triple; if they say no sensor, or both, that which the text before the table says."""
-        if all(meaning.search(triple.words) for meaning in (ANGULAR, LINEAR)) and not OTHER.search(triple.words):
+        if ANGULAR.search(triple.words) and LINEAR.search(triple.words) and not OTHER.search(triple.words):
             return self._hint
         says_none = re.fullmatch(r"(?:axis|3 ?dof|value|values|raw|data|\d| )*", triple.words)
         return f"{triple.words} {self._hint}" if says_none else triple.words

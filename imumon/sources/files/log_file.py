@@ -39,7 +39,7 @@ from imumon.sources.files.column_names import names_sensor
 from imumon.sources.files.column_reader import read_columns
 from imumon.sources.files.columns import LISTED, ColumnLayout, find, parse_map
 from imumon.sources.files.formats import known_format
-from imumon.sources.files.log_process.base import Topic
+from imumon.sources.files.log_process.base import LOG_TIME, Topic
 from imumon.sources.files.table import Table
 
 NOUNS = {"bag": "a bag", "px4": "a PX4 log", "ardupilot": "an ArduPilot log"}
@@ -242,7 +242,8 @@ class LogFile(Table):
         rows = self._head(names)
         if is_known and not given:
             names = _names_of_fields(names, known)
-        reading = read_columns(names, (), rows, replace(options, columns=known | given), source=topic.type)
+        units = ["ns" if name == LOG_TIME else "" for name in names]
+        reading = read_columns(names, units, rows, replace(options, columns=known | given), source=topic.type)
         try:
             layout = reading.checked(f"{topic.name} of {self.path}", accept=options.accept).layout()
         except RecordingError as error:

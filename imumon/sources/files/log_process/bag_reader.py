@@ -15,16 +15,13 @@ from rosbags.interfaces import MessageDefinitionFormat
 
 from imumon.model.samples import AXES, Floats
 from imumon.sources.files.base import ROWS, TABLE_BYTES
-from imumon.sources.files.log_process.base import Log, Topic
+from imumon.sources.files.log_process.base import LOG_TIME, Log, Topic
 from imumon.sources.files.log_process.message_fields import MessageFields
 
 IMU = "sensor_msgs/msg/Imu"
 SENSORS = (("gyro", "angular_velocity", ":rad/s"), ("accel", "linear_acceleration", ""))
 """Fields of `sensor_msgs/Imu` with the units of its definition. An accelerometer shows its unit, and some drivers send
 g instead of m/s2: without a unit, this is an error."""
-
-LOG_TIME = "log_time"
-"""Column of the time at which the recorder got a message."""
 
 
 class BagLog(Log):

@@ -12,6 +12,9 @@ import numpy.typing as npt
 from imumon.model.samples import Floats
 from imumon.sources.files.base import ROWS
 
+LOG_TIME = "log_time"
+"""Column of the time, ns, at which the recorder got a message."""
+
 MATCHED = 0.99
 """Share of the samples of a gyroscope that must have one of the accelerometer at the same time, and the reverse."""
 

@@ -14,7 +14,7 @@ import json
 import math
 import struct
 import sys
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from io import BytesIO
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -24,8 +24,7 @@ from rosbags.rosbag2.storage_mcap import decompress
 
 from imumon.model.samples import Floats
 from imumon.sources.files.base import ROWS
-from imumon.sources.files.log_process.bag_reader import LOG_TIME
-from imumon.sources.files.log_process.base import Log, Topic
+from imumon.sources.files.log_process.base import LOG_TIME, Log, Topic
 
 MAGIC = b"\x89MCAP0\r\n"
 _HEADER, _SCHEMA, _CHANNEL, _MESSAGE, _CHUNK, _DATA_END = 0x01, 0x03, 0x04, 0x05, 0x06, 0x0F
@@ -37,9 +36,6 @@ FIRST_MESSAGES = 32
 """Messages of a topic whose fields are its columns."""
 
 ROS_PROFILES = ("ros1", "ros2")
-
-STAMP = "stamp"
-"""Column of the time of a message, of a pair of seconds and nanoseconds in it."""
 
 Channel = tuple[str, str, str]
 """Topic, type and encoding."""
@@ -102,12 +98,9 @@ class McapLog(Log):
         for channel, logged, data in self._messages():
             if channel != wanted:
                 continue
-            fields = _fields(data)
-            pair = _stamp(fields)
-            stamp = logged if pair is None else pair
-            origin = origin or stamp  # as a float, a span is exact to the ns, an epoch is not
-            times = {STAMP: float(stamp - origin), LOG_TIME: float(logged - origin)}
-            rows.append([times.get(name, fields.get(name, math.nan)) for name in columns])
+            origin = origin or logged  # as a float, a span is exact to the ns, an epoch is not
+            fields = {**_fields(data), LOG_TIME: float(logged - origin)}
+            rows.append([fields.get(name, math.nan) for name in columns])
             size += len(data)
             if len(rows) == ROWS:
                 yield np.array(rows), size
@@ -144,9 +137,6 @@ def _text(content: bytes, place: int) -> tuple[str, int]:
     return content[place + 4 : place + 4 + length].decode("utf-8", "replace"), place + 4 + length
 
 
-NANOSECONDS = {"nsec", "nsecs", "nanosec", "nanosecs", "nanoseconds"}
-"""Names of nanoseconds beside seconds."""
-
 MOST_FIELDS, LONGEST_LIST = 256, 9
 """Fields of an object, and numbers of a list whose elements are fields: three axes, or a matrix of them."""
 
@@ -171,27 +161,10 @@ def _fields(data: bytes) -> dict[str, float]:
         return {}
 
 
-def _stamp(fields: Mapping[str, float]) -> int | None:
-    """Return the time of a message, ns, of seconds and nanoseconds in it; None: it has none.
-
-    >>> _stamp({"timestamp.sec": 3, "timestamp.nsec": 5, "x": 1.0})
-    3000000005
-    """
-    for name, nanoseconds in fields.items():
-        path, _, last = name.rpartition(".")
-        if last.lower() in NANOSECONDS:
-            seconds = fields.get(f"{path}.sec", fields.get(f"{path}.secs"))
-            if isinstance(seconds, int) and isinstance(nanoseconds, int):
-                return seconds * 10**9 + nanoseconds
-    return None
-
-
 def _topic(channel: Channel, count: int, first: Sequence[dict[str, float]]) -> Topic:
     """Return the description of a topic, with the columns whose names show a sensor."""
     name, kind, encoding = channel
     if encoding != "json":
         return Topic(name=name, type=f"{kind} in {encoding}", count=count)
     names = list(dict.fromkeys(column for fields in first for column in fields))
-    has_stamp = any(_stamp(fields) is not None for fields in first)
-    known = {"t": f"{STAMP if has_stamp else LOG_TIME}:ns"}
-    return Topic(name=name, type=kind, count=count, columns=[*names, STAMP, LOG_TIME], map=known)
+    return Topic(name=name, type=kind, count=count, columns=[*names, LOG_TIME])
