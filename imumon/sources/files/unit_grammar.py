@@ -158,16 +158,41 @@ def _base(text: str) -> tuple[str, float] | None:
     return None
 
 
+_NUMBER = r"[^\d\n\w]{0,12}(?:hz\W*|is )?(\d+(?:\.\d+)?)\s*([^\W\d]\S*)?"
+_RATE = re.compile(
+    r"([^,;|\n]{0,40}?)(?:rate|(?:\b|_)(?:fs|odr|sampling|frequency|freq)|\bat(?=\s+[\d.]+\s*k?hz))(?:_hz)?\b"
+    + _NUMBER,
+    re.IGNORECASE,
+)
+"""Text before the word of a rate, a number, and the word behind it."""
+
+_PERIOD = re.compile(
+    rf"(?:sampl\w*[\s_-]?(?:period|interval)|\bdt)\b\s*(?:[\[(](\w+)[\])])?{_NUMBER}", re.IGNORECASE
+)
+"""Unit of an interval of samples in brackets, a number, and the word behind it."""
+
+_OF_OTHERS = re.compile(
+    r"baud|bit|gps|gnss|frame|video|camera|heart|refresh|mag|baro|press|temp|max|bandwidth", re.IGNORECASE
+)
+"""Words before a rate that is not that of samples of the sensor."""
+
+
 def stated_rate(text: str) -> float | None:
-    """Return the rate beside the word rate or Fs, Hz; None: there is none, or several that differ.
+    """Return the rate beside the word rate or Fs, or of a stated interval, Hz; None: none, or several that differ.
 
     >>> stated_rate("// Update Rate: 100.0Hz"), stated_rate("Fs,100"), stated_rate("at 52 Hz"), stated_rate("range 8")
     (100.0, 100.0, 52.0, None)
+    >>> stated_rate("GPS rate: 5 Hz"), stated_rate("rate 2000 dps"), stated_rate("Sampling period: 10 ms")
+    (None, None, 100.0)
     """
-    number = r"(\d+(?:\.\d+)?)\s*(k?)"
-    word = r"(?:\b|_)(?:\w*(?<!baud)(?<!baud[_ ])rate|fs|odr|sampling|frequency|freq)\b"
-    near = rf"{word}[^\d\n\w]{{0,12}}(?:hz\W*|\(hz\)\W*|is )?{number}"
-    matches = re.findall(near, text, re.IGNORECASE) or re.findall(rf"\bat\s+{number}Hz", text, re.IGNORECASE)
-    rates = {float(digits) * (1e3 if kilo else 1.0) for digits, kilo in matches}
+    rates = {
+        float(number) * (1e3 if behind.lower().startswith("khz") else 1.0)
+        for before, number, behind in _RATE.findall(text)
+        if known_unit(behind) is None and not _OF_OTHERS.search(before)
+    }
+    for in_brackets, number, behind in _PERIOD.findall(text):
+        unit = known_unit(in_brackets or behind)
+        if unit is not None and unit.quantity == "t" and float(number) > 0.0:
+            rates.add(1.0 / (float(number) * unit.factor))
     rate = rates.pop() if len(rates) == 1 else 0.0
     return rate if POSSIBLE_HZ[0] <= rate <= POSSIBLE_HZ[1] else None
