@@ -25,8 +25,8 @@ ANGULAR = re.compile(
 )
 LINEAR = re.compile(r"acc|(?:^| )(?:a|f|fb|ab|lin|gf)(?: |$)|linear|specific", re.IGNORECASE)
 OTHER = re.compile(
-    r"mag(?!nit)|ang(?:ular)? ?acc|quat|orient|euler|attitude|bias|drift|offset|cov"
-    r"|(?:^| )(?:m|b|q|pos|gps|(?<!ang )(?<!angular )vel"
+    r"mag(?!nit)|ang(?:ular)? ?acc|rot(?:ation)? ?vec|quat|orient|euler|attitude|bias|drift|offset|cov"
+    r"|(?:^| )(?:m|b|q|pos|gps|v|(?<!ang )(?<!angular )vel(?:ocity)?"
     r"|std|sigma|var|noise|cmd|motor|setpoint|sp|ned|user)(?: |$)"
     r"|gravity|position|north|east|earth|estimat|user ?acc",
     re.IGNORECASE,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from datetime import datetime, time, timedelta
 
-from imumon.model.units import DAY
+from imumon.model.units import DAY, HOUR
 
 _MONTHS = ("jan", "feb", "mar", "apr", "may", "jun", "jul", "aug", "sep", "oct", "nov", "dec")
 
@@ -18,6 +18,9 @@ _LOOSE_DATE = re.compile(
 )
 """Date or time of day of a logger: without zeros in front, with dots for colons, colons before the milliseconds, the
 name of a month, the year last, or twelve hours."""
+
+_OF_HOUR = re.compile(r"\d{1,2}:\d{2}[.,]\d{1,9}")
+"""Minutes and seconds, as spreadsheets show a time."""
 
 
 def _iso(match: re.Match[str]) -> str:
@@ -59,7 +62,8 @@ class DateReader:
     """Reads a column of dates or times of day, in any order, as seconds.
 
     It reads ISO 8601, ``2026-01-31T12:00:00.025Z`` or with a blank, the dates of loggers (`_LOOSE_DATE`), and a time
-    of day, ``12:00:00.025``, which continues over midnight. Of a date such as 3/4/2024, the time of day is read.
+    of day, ``12:00:00.025``, which continues over midnight, or of an hour, ``44:16.5``, over its end. Of a date such as
+    3/4/2024, the time of day is read.
     Seconds count from the first one, so that no digit is lost to the years since 1970. Digits beyond microseconds are
     ignored.
     """
@@ -76,6 +80,8 @@ class DateReader:
         [0.0, 0.75, 0.25]
         """
         text = text.strip()
+        cycle = HOUR if _OF_HOUR.fullmatch(text) else DAY
+        text = f"0:{text}" if cycle == HOUR else text
         if (loose := _LOOSE_DATE.fullmatch(text)) is not None:
             text = _iso(loose)
         if ":" not in text:  # a number, such as 20260131, is no date
@@ -86,7 +92,7 @@ class DateReader:
             return self._since_first(datetime.fromisoformat(text))
         seconds = self._since_first(of_day)
         # the day that is nearest to the last time: rows out of order around midnight do not add a day each
-        self._last = seconds + DAY * round((self._last - seconds) / DAY)
+        self._last = seconds + cycle * round((self._last - seconds) / cycle)
         return self._last
 
     def _since_first(self, moment: datetime) -> float:

@@ -66,11 +66,12 @@ TOO_LONG_BYTES = b"\xed\xbf\xbf"
 MISSING = {"", "nan", "na", "n/a", "null", "none", "-"}
 """Contents of a cell without a number."""
 
-_N = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
+_N = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+|[dD][-+]\d+)?"
 _VOID = r"[-+]?(?:nan|NaN|NAN|null|None|inf|Infinity)"
 _STAMP = (
     r"(?:\d{4}[-/.]\d{1,2}[-/.]\d{1,2}[T ]+|\d{1,2}[-/.](?:\d{1,2}|[A-Za-z]{3})[-/.]\d{4}[T ,]+)?"
     r"\d{1,2}:\d{2}:\d{2}(?:(?:[.,:]|::)\d{1,9})?(?:Z|[+-]\d{2}:\d{2}(?!\S*:))?(?:\s*[AaPp]M)?"
+    r"|\d{1,2}:\d{2}\.\d{1,9}"
     r"|\d{4}-\d{1,2}-\d{1,2}T\d{2}\.\d{2}\.\d{2}(?:\.\d{1,9})?"
 )
 TOKEN = re.compile(
@@ -169,11 +170,16 @@ def split(line: str, separator: str | None) -> list[str]:
     return [cell.strip().strip("\"'").strip() for cell in cells]
 
 
+_FORTRAN = re.compile(r"^([-+]?\d*\.\d*)[dD](?=[-+]\d+$)")
+"""A number with the exponent that Fortran prints."""
+
+
 def number_of(cell: str, *, decimal: bool = False) -> float | None:
     """Return the number in a cell; NaN where it says that there is none, None where it holds something else."""
     text = cell.replace(",", ".") if decimal else cell
+    text = text.partition("*")[0] if "*" in text[:-2] else text  # 12.3*4F: a number with a check
     try:
-        return float(text.partition("*")[0] if "*" in text[:-2] else text)  # 12.3*4F: a number with a check
+        return float(_FORTRAN.sub(r"\1e", text))
     except ValueError:
         return math.nan if text.lower() in MISSING else None
 
@@ -199,8 +205,9 @@ def _cell_form(body: Sequence[str]) -> tuple[str | None, bool] | None:
         cells = _sample_cells(body[:200], separator)
         if cells is None:
             continue
-        decimal = (
-            separator != "," and sum("," in c and number_of(c, decimal=True) is not None for c in cells) > 0
+        # a comma between cells is a decimal sign only in quotes, and then in all numbers
+        decimal = any("," in c and number_of(c, decimal=True) is not None for c in cells) and not (
+            separator == "," and any("." in c and number_of(c) is not None for c in cells)
         )
         if _are_mostly_values(cells, separator, decimal):
             return separator, decimal

@@ -134,6 +134,8 @@ class RecordReader:
         table = self._table
         if table.pattern or table.codes or block.isspace():
             return None
+        if table.decimal and table.separator == ",":
+            return None
         if table.decimal:
             block = block.replace(b",", b".")
         # pyarrow is several times as fast, but knows neither runs of blanks nor dates of loggers
@@ -303,7 +305,10 @@ def _numbers_in(text: str) -> int:
     return sum(match["number"] is not None for match in TOKEN.finditer(text))
 
 
-_CELL = r"(?i:[-+]?(?:\d[\d.]*|\.\d+)(?:e[-+]?\d+)?(?:\*[0-9A-F]{2,8})?|[-+]?(?:nan|inf|infinity)|na|n/a|null|none|-|)"
+_CELL = (
+    r"(?i:[-+]?(?:\d[\d.]*|\.\d+)(?:e[-+]?\d+|d[-+]\d+)?(?:\*[0-9A-F]{2,8})?"
+    r"|[-+]?(?:nan|inf|infinity)|na|n/a|null|none|-|)"
+)
 """Number of a cell, which may have a check behind it, or a word for none."""
 
 

@@ -37,6 +37,9 @@ and 1e-3 rad/s are usual."""
 NOISIEST_DEG = 4.0
 """Noise of a sample that is no number of deg/s; mdeg/s or deg/h is proposed."""
 
+MILLIRADIANS = (0.4, 8.0)
+"""Noise of a sample that is one in mrad/s beside an acceleration in mg: of messages of MAVLink."""
+
 
 def sample_noise(rows: Floats) -> float:
     """Return the standard deviation of the noise of (n, k) samples, the median of their columns; 0.0 of too few.
@@ -94,6 +97,8 @@ def unit_of_rate(rows: Floats, beside: str) -> str:
     beside : unit of the accelerometer beside it: programs write deg/s with g, and rad/s with m/s^2.
     """
     noise = sample_noise(rows)
+    if beside == "mg" and MILLIRADIANS[0] < noise < MILLIRADIANS[1]:
+        return "mrad/s"
     if noise > NOISIEST_DEG:
         return "mdeg/s" if noise > 20.0 else "deg/h"
     hint = {"g": 2.0, "mg": 2.0, "m/s^2": 0.6}.get(beside, 1.0)
