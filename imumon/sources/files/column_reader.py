@@ -275,11 +275,15 @@ class _ColumnReader:
             reason += "increments"
             return _use(key, triple, f"{unit}/s", reason)
         kind = "deltas" if quantity in INCREMENTS.values() else kind
-        use = _use(key, triple, unit, "its unit is stated", certain=True, kind=kind)
+        named = _key_of_words(triple.words)
+        certain = named in ("", key)
+        reason = (
+            "its unit is stated"
+            if certain
+            else f"{triple.label} have the unit {unit}, and the name of {named}"
+        )
+        use = _use(key, triple, unit, reason, certain=certain, kind=kind)
         assert use.known is not None
-        if (named := _key_of_words(triple.words)) not in ("", key):
-            reason = f"{triple.label} have the unit {unit}, and the name of a sensor that is {named}"
-            use = replace(use, certain=False, reason=reason, assumption="assumed_columns")
         noise = sample_noise(triple.rows * use.known.factor)
         if quantity == "gyro" and noise > 10.0 * NOISIEST:
             self._remarks.append(
