@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from imumon.model.samples import Bools, Floats
 from imumon.noise import ChannelFit, OctaveCascade, fit_curve
 from imumon.noise.allan import AllanCurve
+from imumon.noise.blocks import BlockAccumulator
 
 
 def cascade_of(values: Floats, rate_hz: float, valid: Bools | None = None) -> OctaveCascade:
@@ -20,6 +22,14 @@ def cascade_of(values: Floats, rate_hz: float, valid: Bools | None = None) -> Oc
 
 def curve_of(values: Floats, rate_hz: float, valid: Bools | None = None) -> AllanCurve:
     return cascade_of(values, rate_hz, valid).result()
+
+
+def with_temperature(curve: AllanCurve, degrees: Floats, rate_hz: float) -> AllanCurve:
+    """Return the curve of a record beside whose samples a temperature (n,) was measured."""
+    blocks = BlockAccumulator([0], 1.0 / rate_hz)
+    blocks.update(degrees[None], None, np.zeros(1))
+    means = blocks.result()
+    return replace(curve, sums=replace(curve.sums, degrees=means.means[:, 0] + means.offset[0]))
 
 
 def fits_of(

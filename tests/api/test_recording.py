@@ -165,20 +165,15 @@ def test_a_run_whose_recording_ended_early_fails(tmp_path: Path) -> None:
     assert from_json(Report, done.stdout).session.samples > 50
 
 
-def slow_disk(tmp_path: Path) -> tuple[Recorder, int]:
-    """A recording to a pipe that is never read, with more than it holds; and the pipe."""
+def test_a_recording_that_has_stopped_is_reported_and_not_restarted(tmp_path: Path) -> None:
+    """As on a slow disk: a pipe that is never read, and more than the recorder holds."""
     fifo = tmp_path / "slow"
     os.mkfifo(fifo)
     reader = os.open(fifo, os.O_RDONLY | os.O_NONBLOCK)
     recorder = Recorder(RecordingSettings(file=str(fifo)))
     recorder.start({})
-    recorder.write(bytes(200_000))
-    return recorder, reader
-
-
-def test_a_recording_that_has_stopped_is_reported_and_not_restarted(tmp_path: Path) -> None:
-    recorder, reader = slow_disk(tmp_path)
-    recorder.write(bytes(BACKLOG + 1))
+    for size in (200_000, BACKLOG + 1):
+        recorder.write(bytes(size))
     recorder.start_new_record()
     assert not recorder.needs_header
     (messages,) = recorder.problems()

@@ -6,7 +6,7 @@ import gzip
 import json
 import re
 import threading
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
@@ -29,7 +29,6 @@ from imumon.documents.appendix import event_rows
 from imumon.model.report import Report, from_json
 from imumon.model.samples import Gap, SampleBlock
 from imumon.sources.files import Recording, RecordingError
-from imumon.sources.files.base import ReadOptions
 from imumon.sources.vn100 import ascii as sentences
 
 KIRAN = RECORDINGS / "kiran_stat5min.vnymr.txt.gz"
@@ -56,18 +55,19 @@ def test_real_recording_agrees_with_an_independent_tool() -> None:
     assert report["grade"]["accel"]["meets"] == "consumer"
 
 
-def capture(path: Path, n: int = 400, seed: int = 5) -> Path:
-    """Write a small recording: VNYMR sentences at rest."""
-    rng = np.random.default_rng(seed)
-    lines = []
-    for gyro, accel in zip(rng.normal(0, 7e-4, (n, 3)), rng.normal((0, 0, -9.8), 0.013, (n, 3)), strict=True):
-        numbers = [0.0, 0.0, 0.0, 0.2, 0.0, 0.4, *accel, *gyro]
-        forms = ["%+08.3f"] * 3 + ["%+08.4f"] * 3 + ["%+07.3f"] * 3 + ["%+010.6f"] * 3
-        body = "VNYMR," + ",".join(form % value for form, value in zip(forms, numbers, strict=True))
-        lines.append(sentences.encode(body))
-    data = b"".join(lines)
-    path.write_bytes(gzip.compress(data) if path.suffix == ".gz" else data)
-    return path
+def capture(rows: Iterable[Sequence[float]]) -> bytes:
+    """Return sentences of a VN-100 with these numbers."""
+    return b"".join(sentences.encode(sentences.sentence("VNYMR", row)) for row in rows)
+
+
+def at_rest(samples: int) -> bytes:
+    """Return a capture of a sensor at rest."""
+    rng = np.random.default_rng(5)
+    mean, size = (
+        [0.0, 0.0, 0.0, 0.2, 0.0, 0.4, 0.0, 0.0, -9.8, *[0.0] * 3],
+        [*[0.0] * 6, *[0.013] * 3, *[7e-4] * 3],
+    )
+    return capture(rng.normal(mean, size, (samples, 12)))
 
 
 def test_a_table_of_unknown_origin_is_unknown_and_gets_no_advice_about_a_vn100(tmp_path: Path) -> None:
@@ -86,7 +86,8 @@ def test_a_table_of_unknown_origin_is_unknown_and_gets_no_advice_about_a_vn100(t
     )
     assert not re.search(r"VN-?100|register|factory|listen-only", shown, re.IGNORECASE)
     assert "The filter of the sensor is unknown" in shown
-    raw = imumon("replay", capture(tmp_path / "a.txt"), "--rate", "40", "--verbose")
+    (tmp_path / "a.txt").write_bytes(at_rest(400))
+    raw = imumon("replay", tmp_path / "a.txt", "--rate", "40", "--verbose")
     assert "If it is a VN-100 with factory settings" in raw
     assert "--filter names it" in raw
 
@@ -153,33 +154,8 @@ def test_signal_findings_are_reported(tmp_path: Path) -> None:
         assert f"\n{name}:" not in shown
 
 
-@pytest.mark.parametrize(
-    ("name", "content", "code"),
-    [
-        (
-            "noise.bin",
-            bytes(np.random.default_rng(1).integers(0, 256, 20_000, dtype=np.uint8)),
-            "no_messages",
-        ),
-        ("gps.txt", b"$GPGGA,1,2,3*4F\r\n" * 50, "no_sensor"),
-    ],
-    ids=["noise", "gps"],  # the same in every worker
-)
-def test_a_file_that_is_no_recording_is_one_line_with_a_code(
-    tmp_path: Path, name: str, content: bytes, code: str
-) -> None:
-    path = tmp_path / name
-    path.write_bytes(content)
-    with pytest.raises(RecordingError, match=name) as error:
-        replay(ReplayOptions(path=str(path), read=ReadOptions(rate_hz=40.0)))
-    assert error.value.code == code
-    printed = imumon("replay", path, "--rate", "40", code=1 if code == "no_sensor" else 3)
-    assert printed.strip() == f"imumon: {error.value}"
-
-
 def test_a_corrupt_recording_is_used_up_to_the_corruption(tmp_path: Path) -> None:
-    path = capture(tmp_path / "a.txt.gz", n=2000)
-    data = path.read_bytes()
+    path, data = tmp_path / "a.txt.gz", gzip.compress(at_rest(2000))
     path.write_bytes(data[: len(data) // 2])
     done = forked.run("replay", str(path), "--rate", "40", "--json")
     report = json.loads(done.stdout)
@@ -189,25 +165,20 @@ def test_a_corrupt_recording_is_used_up_to_the_corruption(tmp_path: Path) -> Non
     assert str(path) in done.stderr
 
 
-def test_events_are_published_beside_the_reports(tmp_path: Path) -> None:
-    n, place = 8000, free_endpoint()
-    noise = np.random.default_rng(2).normal(0, 1e-3, (n, 6))
-    noise[:, 5] -= 9.8
-    noise[4000:, 1] = noise[4000, 1]
-    path = tmp_path / "a.npz"
-    np.savez(path, t_s=np.arange(n) / 40.0, gyro_uncomp_rps=noise[:, :3], accel_uncomp_mps2=noise[:, 3:])
-    with Publisher("replay", ZenohSettings(listen=(place,))) as bus, Subscriber([place]) as viewer:
-        replay(ReplayOptions(path=str(path)), bus=bus)
-        assert viewer.wait_report("replay", timeout=60.0) is not None
-        until(lambda: "disturbance" in [event.kind for event in viewer.events("replay")])
-
-
-def test_a_replay_on_the_bus_has_one_name_in_its_keys_and_its_reports(tmp_path: Path) -> None:
-    place, path = free_endpoint(), capture(tmp_path / "run.bin")
-    path.write_bytes(b'#imumon-recording {"id": "vn100-7", "rate_hz": 40.0}\n' + path.read_bytes())
+def test_a_replay_publishes_its_report_and_its_events_under_one_name(tmp_path: Path) -> None:
+    """That of the command: the name of the sensor is that of the daemon beside it."""
+    rows, place, path = (
+        np.random.default_rng(2).normal(0, 1e-3, (4000, 12)),
+        free_endpoint(),
+        tmp_path / "run.bin",
+    )
+    rows[:, 8] -= 9.8
+    rows[2000:, 10] = rows[2000, 10]  # stuck
+    path.write_bytes(b'#imumon-recording {"id": "vn100-7", "rate_hz": 40.0}\n' + capture(rows))
     with Publisher("replay", ZenohSettings(listen=(place,))) as bus, Subscriber([place]) as viewer:
         final = replay(ReplayOptions(path=str(path)), bus=bus)
         report = viewer.wait_report("replay", timeout=60.0)
+        until(lambda: "disturbance" in [event.kind for event in viewer.events("replay")])
     assert (report.device.id, final.device.id) == ("replay", "vn100-7")
 
 
@@ -245,3 +216,8 @@ def test_the_thread_has_ended_when_the_work_on_its_samples_fails() -> None:
         next(ahead)
         assert reading()
     assert not reading()
+
+
+def test_a_file_without_a_sample_ends_with_3(tmp_path: Path) -> None:
+    (tmp_path / "noise.bin").write_bytes(np.random.default_rng(1).bytes(20_000))
+    assert "noise.bin: " in imumon("replay", tmp_path / "noise.bin", code=3)

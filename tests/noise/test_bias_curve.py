@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from functools import cache
 
 import numpy as np
 import pytest
-from noise_fits import curve_of
+from noise_fits import curve_of, with_temperature
 
 from imumon.model.samples import Floats
-from imumon.noise import ChannelFit, Estimator, OctaveCascade, synthesise
-from imumon.noise.blocks import BlockAccumulator
+from imumon.noise import ChannelFit, Estimator, synthesise
 from imumon.noise.fit import BiasFit
 
 N, B, RATE, LENGTH, CHANNELS = 6.1e-5, 2.4e-5, 40.0, 72_000, 32
@@ -34,14 +32,10 @@ def curves(
 ) -> tuple[BiasFit, ...]:
     """Return the curves of channels of noise with an effect (n,) of the temperature (n,) and a drift."""
     values = noise(k, channels) + (OFFSET + effect + drift * (TIME - 0.5))[:, None]
-    curve = curve_of(values, RATE)
-    heat = BlockAccumulator([0], 1.0 / RATE)
-    heat.update(degrees[None], None, np.zeros(1))
-    means = heat.result()
+    curve = with_temperature(curve_of(values, RATE), degrees, RATE)
     estimator = Estimator(averaged=True, time_to=False)
-    sums = replace(curve.sums, degrees=means.means[:, 0] + means.offset[0])
-    estimator.fit(replace(curve, sums=sums))
-    return estimator.bias_curves(sums)
+    estimator.fit(curve)
+    return estimator.bias_curves(curve.sums)
 
 
 @pytest.mark.few
@@ -91,13 +85,8 @@ def test_steps_and_holes_of_the_temperature_do_no_harm() -> None:
 
 def fits_beside(effect: Floats, degrees: Floats) -> tuple[ChannelFit, ...]:
     """Return the fits of noise with an effect (n,) of the temperature (n,)."""
-    heat = BlockAccumulator([0], 1.0 / RATE)
-    heat.update(degrees[None], None, np.zeros(1))
-    cascade = OctaveCascade(8, tau0=1.0 / RATE)
-    cascade.update(synthesise(LENGTH, RATE, N=[N] * 8, B=B, seed=9) + effect[:, None])
-    estimator = Estimator(averaged=True, time_to=False)
-    curve = cascade.result()
-    return estimator.fit(replace(curve, sums=replace(curve.sums, degrees=heat.result().means[:, 0])))
+    curve = curve_of(synthesise(LENGTH, RATE, N=[N] * 8, B=B, seed=9) + effect[:, None], RATE)
+    return Estimator(averaged=True, time_to=False).fit(with_temperature(curve, degrees, RATE))
 
 
 def test_the_noise_beside_a_bent_effect_is_that_without_one() -> None:

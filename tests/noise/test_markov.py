@@ -55,15 +55,19 @@ def test_it_tends_to_a_walk_and_to_white_noise(level: int, time: float, other: o
             assert seen == pytest.approx(power * WALK.seen_density(f, averaged=averaged, window=3), rel=1e-3)
 
 
+def first_order(n: int, count: int, samples: float, rng: np.random.Generator) -> Floats:
+    """Return (n, count) Gauss–Markov noise of standard deviation 1, with a time constant of some samples."""
+    a = np.exp(-1.0 / samples)
+    drive = np.sqrt(1.0 - a * a) * rng.standard_normal((n, count))
+    drive[0] /= np.sqrt(1.0 - a * a)
+    return np.asarray(scipy.signal.lfilter([1.0], [1.0, -a], drive, axis=0))
+
+
 def records(
     count: int, seed: int, sigma: float = 0.0, time_s: float = 1.0, B: float = 0.0
 ) -> tuple[ChannelFit, ...]:
     """Return the fits of some records of white noise, flicker and Gauss–Markov noise."""
-    rng = np.random.default_rng(seed)
-    a = np.exp(-1.0 / RATE_HZ / time_s)
-    drive = sigma * np.sqrt(1.0 - a * a) * rng.standard_normal((LENGTH, count))
-    drive[0] /= np.sqrt(1.0 - a * a)
-    values: Floats = scipy.signal.lfilter([1.0], [1.0, -a], drive, axis=0)
+    values = sigma * first_order(LENGTH, count, RATE_HZ * time_s, np.random.default_rng(seed))
     noise = [synthesise(LENGTH, RATE_HZ, N=N, B=B, seed=100 * seed + k)[:, 0] for k in range(count)]
     return fits_of(values + np.stack(noise, axis=1), RATE_HZ)
 
@@ -80,6 +84,9 @@ def test_correlated_noise_is_measured_and_no_b_or_k_is_invented() -> None:
     assert sum(fit.B.status == "measured" for fit in fits) <= 1
     assert sum(fit.K.status == "measured" for fit in fits) <= 1
     assert sum(fit.N.low <= N <= fit.N.high for fit in fits) >= 9  # type: ignore[operator]
+    for fit in fits:  # the shares add up to the drawn model
+        assert set(fit.shares) == {"N", "B", "K", "M", "lines", "columns", "filter"}
+        assert np.sum(list(fit.shares.values()), axis=0) == pytest.approx(fit.model**2)
 
 
 def test_flicker_is_no_correlated_noise() -> None:
@@ -97,12 +104,6 @@ def test_what_the_record_does_not_tell_apart_is_indistinct_with_bounds() -> None
         assert fit.markov.sigma.value is None
         assert "does not distinguish it from" in (fit.markov.sigma.reason or "")
         assert fit.markov.sigma.high is not None
-
-
-def test_the_shares_add_up_to_the_drawn_model() -> None:
-    for fit in records(3, 4, sigma=4e-4, time_s=30.0):
-        assert set(fit.shares) == {"N", "B", "K", "M", "lines", "columns", "filter"}
-        assert np.sum(list(fit.shares.values()), axis=0) == pytest.approx(fit.model**2)
 
 
 @pytest.mark.slow
@@ -172,10 +173,7 @@ def test_slow_markov_noise_is_no_walk() -> None:
     """A time constant of a 36th of the record: where M explains it better than K, K is not measured."""
     rng = np.random.default_rng(12)
     rate, sigma, time_s, n, records = 5.0, 4.8e-5, 200.0, 36_000, 24
-    a = np.exp(-1.0 / rate / time_s)
-    drive = sigma * np.sqrt(1.0 - a * a) * rng.standard_normal((n, records))
-    drive[0] = sigma * rng.standard_normal(records)
-    values = scipy.signal.lfilter([1.0], [1.0, -a], drive, axis=0)
+    values = sigma * first_order(n, records, rate * time_s, rng)
     values += synthesise(n, rate, N=[6.1e-5] * records, B=2.4e-5, seed=rng, averaged=False)
     fits = fits_of(values, rate)
     assert sum(fit.K.status == "measured" for fit in fits) <= 2
@@ -220,9 +218,7 @@ def test_a_second_correlated_term_is_measured_and_the_first_one_stays() -> None:
     n, sigma, time_s = 144_000, 3e-4, 4.0
     values = synthesise(n, RATE_40, N=[WHITE_N, WHITE_N], seed=3, averaged=False)
     values[:, 0] += sigma * second_order(n, time_s, 5)
-    a = np.exp(-1.0 / (RATE_40 * time_s))
-    drive = np.random.default_rng(6).standard_normal(n) * np.sqrt(1.0 - a * a)
-    values[:, 1] += sigma * scipy.signal.lfilter([1.0], [1.0, -a], drive)
+    values[:, 1] += sigma * first_order(n, 1, RATE_40 * time_s, np.random.default_rng(6))[:, 0]
     second, first = fits_of(values, RATE_40)
     own = second.coefficients["W"]
     assert own.status == "measured"

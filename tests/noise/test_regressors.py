@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 from functools import partial
 
 import numpy as np
 import pytest
-from noise_fits import MOST_MISSED, cascade_of, check_noise, curve_of, held, measured
+from noise_fits import MOST_MISSED, cascade_of, check_noise, curve_of, held, measured, with_temperature
 
 from imumon.model.samples import Floats
 from imumon.noise import ChannelFit, Estimator, synthesise
-from imumon.noise.blocks import BlockAccumulator
 from imumon.noise.fit.observations import block_series
 from imumon.noise.fit.slow_terms import SlowTermSearch
 
@@ -35,14 +33,10 @@ def walk() -> Floats:
 
 def fitted(values: Floats, degrees: Floats | None = None) -> tuple[ChannelFit, ...]:
     """Return the fits of a record with a temperature (n, 1)."""
-    means = None
-    if degrees is not None:
-        blocks = BlockAccumulator([0], 1.0 / RATE)
-        blocks.update(np.ascontiguousarray(degrees.T), None, np.zeros(1))
-        means = blocks.result().means[:, 0]
     curve = curve_of(values, RATE)
-    sums = replace(curve.sums, degrees=means)
-    return Estimator(averaged=True, time_to=False).fit(replace(curve, sums=sums))
+    if degrees is not None:
+        curve = with_temperature(curve, degrees[:, 0], RATE)
+    return Estimator(averaged=True, time_to=False).fit(curve)
 
 
 # --- drift -------------------------------------------------------------------------------------------------

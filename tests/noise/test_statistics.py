@@ -231,35 +231,33 @@ def test_it_is_seen_in_steps_too(limit: float, step: float) -> None:
     assert len(clipped_at(np.clip(np.round(gaussian() / step), -last, last) * step)) == 2
 
 
-@pytest.mark.few
-@pytest.mark.parametrize("step", [0.0, 0.01, 0.1, 0.3, 1.0, 1.5])
-@pytest.mark.parametrize("seed", range(4))
-def test_noise_with_any_steps_is_not_clipped(step: float, seed: int) -> None:
-    values = gaussian(seed)
-    assert clipped_at(np.round(values / step) * step if step else values) == ()
+SETTLING = 30.0 * np.exp(-np.arange(SAMPLES) / 5_000.0)
+UNCLIPPED: dict[str, Callable[[Floats], Floats]] = {
+    "few levels": lambda x: np.clip(np.round(x), 0.0, 2.0),
+    "a drift that settles": lambda x: np.round((SETTLING + x) / 0.5) * 0.5,
+    "a coarse drift": lambda x: np.round(SETTLING + 0.6 * x),
+    "two levels": lambda x: np.clip(np.round(x), 0.0, 1.0),
+    "noise": lambda x: x,
+    **{
+        f"steps of {step}": lambda x, step=step: np.round(x / step) * step
+        for step in (0.01, 0.1, 0.3, 1.0, 1.5)
+    },
+}
 
 
-def test_a_drift_that_settles_is_not_clipped() -> None:
-    settling = 30.0 * np.exp(-np.arange(SAMPLES) / 5_000.0)
-    assert clipped_at(np.round((settling + gaussian()) / 0.5) * 0.5) == ()
-    assert clipped_at(np.round(settling + 0.6 * gaussian())) == ()
-
-
-@pytest.mark.few
-@pytest.mark.parametrize("levels", [1, 2, 3, 4])
-def test_few_levels_are_not_clipped(levels: int) -> None:
-    assert clipped_at(np.clip(np.round(gaussian()), 0.0, levels - 1.0)) == ()
+@pytest.mark.few(3)
+@pytest.mark.parametrize("name", UNCLIPPED)
+@pytest.mark.parametrize("seed", range(1, 5))
+def test_what_is_not_clipped_is_not_taken_for_it(name: str, seed: int) -> None:
+    assert clipped_at(UNCLIPPED[name](gaussian(seed))) == ()
 
 
 def test_visits_do_not_depend_on_the_chunks() -> None:
-    values = np.clip(gaussian(), -2.0, 2.0)
+    values = np.clip(gaussian(), -2.0, 2.0)[:, None]
     whole, parts = ExtremeVisits([0]), ExtremeVisits([0])
-    whole.update(values[:, None])
-    rng, begin = np.random.default_rng(2), 0
-    while begin < SAMPLES:
-        end = begin + int(rng.integers(1, 500))
-        parts.update(values[begin:end, None])
-        begin = end
+    whole.update(values)
+    for part in np.split(values, np.cumsum(np.random.default_rng(2).integers(1, 500, 400))):
+        parts.update(part)
     assert whole.result() == parts.result()
 
 

@@ -12,12 +12,12 @@ from imumon.model.coefficients import Estimate
 from imumon.model.samples import Floats
 from imumon.model.saved_state import pack, unpack
 from imumon.noise import ChannelFit, Estimator, synthesise
-from imumon.noise.allan import AllanCurve, OctaveCascade
+from imumon.noise.allan import AllanCurve
 from imumon.noise.blocks.block_means import BLOCK
 from imumon.noise.stretches import Sums
 from imumon.noise.stretches.change import detect_changes, joined
 from imumon.noise.stretches.parts import Parts
-from imumon.noise.stretches.quarters import Quarters, excess
+from imumon.noise.stretches.quarters import excess
 from imumon.noise.stretches.stretches import LENGTHS_S, Stretch
 from imumon.noise.stretches.warmup import still_heats_up
 
@@ -32,43 +32,24 @@ def fitted(values: Floats) -> tuple[ChannelFit, ...]:
 # --- quarters ----------------------------------------------------------------------------------------------
 
 
-def fed(values: Floats, chunk: int) -> tuple[Parts, Quarters]:
-    """Return the parts of a record and its quarters after some samples."""
-    channels = values.shape[1]
-    parts = Parts([0] * channels, range(channels), 1.0 / RATE)
-    quarters, begin = Quarters(parts, RATE), 0
-    while begin < len(values):
-        end = min(len(values), begin + chunk, quarters.next_end)
-        parts.update(values[begin:end])
-        quarters.close_due()
-        parts.keep(quarters.places)
-        begin = end
-    return parts, quarters
+def sums(channels: int, warmup: tuple[int, ...] = ()) -> Sums:
+    return Sums([0] * channels, channels, 1.0 / RATE, averaged=[True] * channels, warmup_channels=warmup)
 
 
 def noise(n: int, channels: int = 2, seed: int = 1) -> Floats:
     return synthesise(n, RATE, N=[N] * channels, B=B, seed=seed)
 
 
-def test_the_quarters_follow_a_change_of_n() -> None:
+def test_the_quarters_follow_a_change_of_n_and_their_limits_hold_it() -> None:
     n = 64 * 1024
-    scale = np.repeat([1.0, 1.1, 1.2, 1.3], n // 4)[:, None]
-    quarters = fed(noise(n) * scale, 999)[1].result()
-    estimator = Estimator(averaged=True, time_to=False)
-    for factor, (sums, samples) in zip((1.0, 1.1, 1.2, 1.3), quarters, strict=True):
+    record, estimator, held = sums(4), Estimator(averaged=True, time_to=False), []
+    record.add(noise(n, channels=4) * np.repeat([1.0, 1.1, 1.2, 1.3], n // 4)[:, None])
+    for factor, (quarter, samples) in zip((1.0, 1.1, 1.2, 1.3), record.equal_parts(4), strict=True):
         assert samples == pytest.approx(n / 4, rel=0.2)
-        for fit in estimator.fit_sums(sums, samples):
+        for fit in estimator.fit_sums(quarter, samples):
             assert fit.N.value == pytest.approx(factor * N, rel=0.04)
-
-
-@pytest.mark.slow
-def test_the_quarters_of_a_steady_record_scatter_as_their_limits_say() -> None:
-    quarters = fed(noise(64 * 1024, channels=8), 5000)[1].result()
-    fits = [Estimator(averaged=True, time_to=False).fit_sums(*each) for each in quarters]
-    held = [fit.N.low <= N <= fit.N.high for each in fits for fit in each]  # type: ignore[operator]
-    assert sum(held) >= 26  # of 32, at 95 %
-    held = [fit.B.low <= B <= fit.B.high for each in fits for fit in each]  # type: ignore[operator]
-    assert sum(held) >= 26
+            held += [fit.N.low <= factor * N <= fit.N.high, fit.B.low <= factor * B <= fit.B.high]
+    assert sum(held) >= 27  # of 32, at 95 %
 
 
 @pytest.mark.slow
@@ -89,29 +70,11 @@ def test_the_excess_of_quarters_is_that_of_random_effects() -> None:
     assert alike.high > errors.max()
 
 
-def test_the_quarters_do_not_depend_on_chunks_and_continue_from_a_saved_state() -> None:
-    values = noise(30_000)
-    (_, whole), (_, chunked) = (fed(values, chunk) for chunk in (30_000, 777))
-    restored = unpack(pack(whole))
-    assert restored.next_end == whole.next_end
-    results = [quarters.result() for quarters in (whole, chunked, restored)]
-    for other in results[1:]:
-        for (one, samples), (two, count) in zip(results[0], other, strict=True):
-            assert samples == count
-            np.testing.assert_array_equal(one.blocks.means, two.blocks.means)
-            for a, b in zip(one.levels, two.levels, strict=True):
-                np.testing.assert_array_equal(a.power, b.power)
-
-
 # --- stretches ---------------------------------------------------------------------------------------------
 
 
-def statistics(channels: int, warmup: tuple[int, ...] = ()) -> Sums:
-    return Sums([0] * channels, channels, 1.0 / RATE, averaged=[True] * channels, warmup_channels=warmup)
-
-
 def finished(values: Floats, chunk: int) -> list[Stretch]:
-    record, out = statistics(values.shape[1]), []
+    record, out = sums(values.shape[1]), []
     for at in range(0, len(values), chunk):
         record.add(values[at : at + chunk])
         out += record.ended().stretches
@@ -138,7 +101,7 @@ def test_a_finished_stretch_is_fitted_as_its_samples_alone() -> None:
 
 
 def test_a_stretch_in_progress_grows_and_one_without_samples_is_none() -> None:
-    record = statistics(2)
+    record = sums(2)
     assert record.stretch_in_progress(3600) is None
     record.add(noise(HOUR + 9000))
     counts = [record.stretch_in_progress(step) for step in LENGTHS_S]
@@ -152,24 +115,27 @@ def test_a_stretch_in_progress_grows_and_one_without_samples_is_none() -> None:
     assert [each.length_s for each in record.ended().stretches] == [3600]
 
 
-def test_the_record_is_its_own_for_any_chunking_and_after_a_restart() -> None:
+def test_record_and_quarters_are_the_same_for_any_chunking_and_after_a_restart() -> None:
     values = noise(2 * HOUR)
-    records = [statistics(2, (0, 1)) for _ in range(2)]
-    records[0].add(values)
+    whole, chunked = (sums(2, (0, 1)) for _ in range(2))
+    whole.add(values)
     for at in range(0, len(values), 4321):
-        records[1].add(values[at : at + 4321])
+        chunked.add(values[at : at + 4321])
         if at == 4321 * 8:
-            restored = unpack(pack(records[1]))
+            restored = unpack(pack(chunked))
         elif at > 4321 * 8:
             restored.add(values[at : at + 4321])
-    one, other, third = (record.curve() for record in (*records, restored))
-    for curve in (other, third):
-        np.testing.assert_array_equal(one.avar, curve.avar)
-        np.testing.assert_array_equal(one.sums.blocks.means, curve.sums.blocks.means)
-    for a, b, c in zip(one.sums.levels, other.sums.levels, third.sums.levels, strict=True):  # type: ignore[union-attr]
-        np.testing.assert_array_equal(a.power, b.power)
-        np.testing.assert_array_equal(a.power, c.power)
-    assert restored.position == len(values)
+    for other in (chunked, restored):
+        assert other.position == len(values)
+        np.testing.assert_array_equal(whole.curve().avar, other.curve().avar)
+        pairs = [(whole.curve().sums, other.curve().sums)]
+        for (one, samples), (two, count) in zip(whole.equal_parts(4), other.equal_parts(4), strict=True):
+            assert samples == count
+            pairs.append((one, two))
+        for one, two in pairs:
+            np.testing.assert_array_equal(one.blocks.means, two.blocks.means)
+            for a, b in zip(one.levels, two.levels, strict=True):
+                np.testing.assert_array_equal(a.power, b.power)
 
 
 # --- changes -----------------------------------------------------------------------------------------------
@@ -179,7 +145,7 @@ def test_the_record_is_its_own_for_any_chunking_and_after_a_restart() -> None:
 @pytest.mark.parametrize("seed", range(2))
 def test_ordinary_hours_are_no_change(seed: int) -> None:
     values = synthesise(4 * HOUR, RATE, N=[N] * 4, B=[B, 5e-6, 2e-5, 0.0], K=[1e-7, 1e-6, 0, 0], seed=seed)
-    record = statistics(4)
+    record = sums(4)
     record.add(values)
     assert [changes for _, changes in record.ended().hours] == [{}, {}, {}]
 
@@ -188,7 +154,7 @@ def test_an_hour_with_another_n_is_a_change() -> None:
     values = noise(3 * HOUR + 100, channels=3, seed=9)
     values[2 * HOUR :, 1] *= 1.4
     values[2 * HOUR :, 2] += 3e-4  # another bias is no change of the noise
-    record = statistics(3)
+    record = sums(3)
     record.add(values)
     assert list(record.changes()) == [1]
     (change,) = [each for each in record.changes()[1] if each.letter == "N"]
@@ -226,7 +192,7 @@ def test_parts_together_are_known_as_well_as_their_number_says() -> None:
 def test_an_exponential_is_excluded_when_it_is_over(time_s: float, least: float, most: float) -> None:
     values = noise(round(2.2 * HOUR), channels=3, seed=3)
     at = np.arange(len(values)) / RATE
-    record = statistics(3, (0, 1, 2))
+    record = sums(3, (0, 1, 2))
     record.add(values + 5e-4 * np.exp(-at / time_s)[:, None])
     assert least <= record.warmup_s == record.begin_s <= most
     begin = round(record.warmup_s * RATE)
@@ -243,7 +209,7 @@ def test_a_warm_up_counts_its_valid_samples_only() -> None:
     values += 5e-4 * np.exp(-np.arange(len(values)) / RATE / 150.0)[:, None]
     ok = np.ones((len(values), 1), dtype=bool)
     ok[100:300] = False
-    record = statistics(2, (0, 1))
+    record = sums(2, (0, 1))
     record.add(values[:1000], ok[:1000])
     record.skip(200)
     record.add(values[1200:], ok[1200:])
@@ -265,7 +231,7 @@ def test_what_does_not_settle_is_no_warm_up(kind: str) -> None:
         values += 1e-6 * at
     elif kind == "step":
         values += 3e-4 * (at > 2000.0)
-    record = statistics(4, (0, 1, 2, 3))
+    record = sums(4, (0, 1, 2, 3))
     record.add(values)
     assert record.warmup_s == 0.0
 
@@ -322,15 +288,12 @@ def test_a_record_warms_up_as_long_as_its_temperature_rises() -> None:
     for hours, warming in ((0.2, True), (2.5, False)):
         record, _ = heated(hours, 10_000)
         assert record.still_heats_up(record.curve()) == warming
-    record = statistics(2)
+    record = sums(2)
     record.add(noise(9000))
     assert not record.still_heats_up(record.curve())
 
 
 # ---------- laws of parts: what is known since a marked place is what a record that begins there would know
-
-
-RNG = np.random.default_rng(11)
 
 
 def two_channels() -> Parts:
@@ -346,23 +309,27 @@ def marked(values: Floats, place: int) -> Parts:
     return parts
 
 
-def alone(values: Floats) -> OctaveCascade:
-    cascade = OctaveCascade(2, 0.01)
-    cascade.update(values)
-    return cascade
-
-
 def test_a_part_equals_a_cascade_that_begins_there() -> None:
-    x = np.cumsum(RNG.normal(size=(40_000, 2)), axis=0) + 100.0
-    curve = marked(x, 7 * BLOCK).curve(7 * BLOCK)
-    expected = alone(x[7 * BLOCK :]).result()
-    assert len(curve.m) == len(expected.m)
-    assert curve.span == expected.span
+    """Segments may begin up to a hop later, and the filters have a past; blocks lie on the grid of the record."""
+    x, place = np.random.default_rng(7).normal(size=(40_000, 2)) + 100.0, 7 * BLOCK
+    parts = marked(x, place)
+    curve, expected = parts.curve(place), curve_of(x[place:], 100.0)
+    assert (len(curve.m), curve.span) == (len(expected.m), expected.span)
     # at most one block of differences is missing at each octave, and none is added
     lost = expected.terms - curve.terms
     assert np.all(lost >= 0)
     assert np.all(lost <= BLOCK / expected.stride[:, None])
     np.testing.assert_allclose(curve.avar[:8], expected.avar[:8], rtol=0.05)
+    part, other = parts.sums(place), expected.sums
+    assert part.pooled
+    assert not other.pooled
+    for level, (a, b) in enumerate(zip(part.levels, other.levels, strict=False)):
+        assert abs(int(a.averages[0]) - int(b.averages[0])) <= 2
+        if level < 3:
+            np.testing.assert_allclose(a.power.sum(axis=1), b.power.sum(axis=1), rtol=0.05)
+    whole = parts.cascade.blocks.result()
+    first = -(-place // whole.length)
+    np.testing.assert_array_equal(part.blocks.means, whole.means[first : first + len(part.blocks.means)])
 
 
 @settings(max_examples=25)
@@ -391,7 +358,7 @@ def test_any_chunking_gives_the_same_part(cuts: list[int], place: int) -> None:
 
 
 def test_the_parts_between_marks_add_up_to_the_record() -> None:
-    x = RNG.normal(size=(30 * BLOCK + 77, 2))
+    x = np.random.default_rng(11).normal(size=(30 * BLOCK + 77, 2))
     parts = two_channels()
     for begin in range(0, len(x), 10 * BLOCK):
         parts.update(x[begin : begin + 10 * BLOCK])
@@ -405,19 +372,3 @@ def test_the_parts_between_marks_add_up_to_the_record() -> None:
     np.testing.assert_array_equal(np.concatenate([part.blocks.means for part in each]), whole.blocks.means)
     counts = [parts.moments(*ends).result().channels[0].count for ends in places]
     assert sum(counts) == parts.moments().result().channels[0].count == len(x)
-
-
-def test_the_sums_of_the_noise_of_a_part_are_those_of_a_cascade_that_begins_there() -> None:
-    """Segments may begin up to a hop later, and the filters have a past; blocks lie on the grid of the record."""
-    x, place = np.random.default_rng(7).normal(size=(60_000, 2)), 64 * BLOCK
-    parts = marked(x, place)
-    part, other = parts.sums(place), alone(x[place:]).result().sums
-    assert part.pooled
-    assert not other.pooled
-    for level, (a, b) in enumerate(zip(part.levels, other.levels, strict=False)):
-        assert abs(int(a.averages[0]) - int(b.averages[0])) <= 2
-        if level < 3:
-            np.testing.assert_allclose(a.power.sum(axis=1), b.power.sum(axis=1), rtol=0.05)
-    whole = parts.cascade.blocks.result()
-    first = -(-place // whole.length)
-    np.testing.assert_array_equal(part.blocks.means, whole.means[first : first + len(part.blocks.means)])
