@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
+from pathlib import Path
 
 import zenoh
 
-QUIET = {"scouting/multicast/enabled": False, "transport/shared_memory/enabled": False}
+QUIET: dict[str, object] = {"scouting/multicast/enabled": False, "transport/shared_memory/enabled": False}
 
 
 def opened(settings: Mapping[str, object]) -> zenoh.Session:
@@ -26,8 +27,9 @@ def peer(endpoint: str) -> zenoh.Session:
     return opened({**QUIET, "mode": "peer", "connect/endpoints": [endpoint], "listen/endpoints": []})
 
 
-def router(endpoint: str) -> zenoh.Session:
-    """Open a bare router, such as a site may have, in this process."""
-    return opened(
-        {**QUIET, "mode": "router", "listen/endpoints": [endpoint], "scouting/gossip/enabled": False}
-    )
+def router(endpoint: str, passwords: Path | None = None) -> zenoh.Session:
+    """Open a bare router, such as a site may have, in this process; with a file of users, it asks for a password."""
+    settings = {**QUIET, "mode": "router", "listen/endpoints": [endpoint], "scouting/gossip/enabled": False}
+    if passwords is not None:
+        settings["transport/auth/usrpwd/dictionary_file"] = str(passwords)
+    return opened(settings)

@@ -220,4 +220,4 @@ def test_the_thread_has_ended_when_the_work_on_its_samples_fails() -> None:
 
 def test_a_file_without_a_sample_ends_with_3(tmp_path: Path) -> None:
     (tmp_path / "noise.bin").write_bytes(np.random.default_rng(1).bytes(20_000))
-    assert "noise.bin: " in imumon("replay", tmp_path / "noise.bin", code=3)
+    assert "noise.bin has no valid message" in imumon("replay", tmp_path / "noise.bin", code=3)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import re
 import shutil
 import subprocess
@@ -11,6 +10,7 @@ from pathlib import Path
 
 import pytest
 import zenoh
+import zenoh_sessions
 from bus_actors import stage
 from free_ports import free_endpoint, free_port
 from paths import ROOT
@@ -32,12 +32,8 @@ def receives(address: str, *, timeout: float, **settings: object) -> bool:
 def test_a_router_may_ask_for_a_password(tmp_path: Path) -> None:
     users, address = tmp_path / "users", free_endpoint()
     users.write_text("ann:secret\n")
-    config = zenoh.Config()
-    values = {"mode": "router", "listen/endpoints": [address], "scouting/multicast/enabled": False}
-    for path, value in {**values, "transport/auth/usrpwd/dictionary_file": str(users)}.items():
-        config.insert_json5(path, json.dumps(value))
     login = {"user": "ann", "password": "secret"}
-    with stage() as start, zenoh.open(config):
+    with stage() as start, zenoh_sessions.router(address, passwords=users):
         start("daemon", listen=[free_endpoint()], connect=[address], **login).ready()
         assert receives(address, timeout=60.0, **login)
         assert not receives(address, timeout=0.4, user="ann", password="other")

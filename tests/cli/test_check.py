@@ -374,15 +374,6 @@ def test_it_waits_for_a_daemon_that_starts_later(tmp_path: Path) -> None:
     assert text.startswith("vn100-")
 
 
-@pytest.mark.parametrize(
-    "arguments", [("--precision", "0.1"), ("--grade", "splendid"), ("--timeout", "soon"), ("--timeout", "0")]
-)
-def test_invalid_options_are_one_line_and_2(arguments: tuple[str, ...]) -> None:
-    done = wait(*arguments)
-    assert done.returncode == 2
-    assert done.stderr.count("\n") == 1
-
-
 # ---------- every door gives the same answer to one question: the grade, whether a number is ready, the numbe
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import json
 import os
 import pty
@@ -14,6 +13,7 @@ import time
 from pathlib import Path
 
 import numpy as np
+import psutil
 import pytest
 from cases import case
 from commands import imumon, run_inside
@@ -44,6 +44,10 @@ from imumon.model.report_json import to_json
         (("config", "chekc"), "'show', 'check'"),
         (("run", "--conect", "x"), "did you mean --connect?"),
         (("run", "--nonsense"), "--nonsense: imumon run --help"),
+        (("wait", "--precision", "0.1"), "--coefficient"),
+        (("wait", "--grade", "splendid"), "splendid"),
+        (("wait", "--timeout", "soon"), "soon"),
+        (("wait", "--timeout", "0"), "--timeout"),
     ],
 )
 def test_invalid_options(arguments: tuple[str, ...], text: str) -> None:
@@ -160,14 +164,10 @@ def test_nothing_of_the_demo_outlives_it(tmp_path: Path) -> None:
     """Also if it is killed: its daemon stops when the pipe from the demo ends, and deletes the directory."""
     environment = {**os.environ, "TMPDIR": str(tmp_path)}
 
-    def running() -> list[str]:
+    def running() -> list[psutil.Process]:
         """Return the processes of the demo: they inherit its directory for temporary files."""
-        commands = []
-        for process in Path("/proc").glob("[0-9]*"):
-            with contextlib.suppress(OSError):  # it has ended, or belongs to somebody else
-                if f"TMPDIR={tmp_path}".encode() in (process / "environ").read_bytes().split(b"\0"):
-                    commands.append((process / "cmdline").read_text())
-        return commands
+        every = psutil.process_iter(["environ"])  # None: it belongs to somebody else
+        return [one for one in every if (one.info["environ"] or {}).get("TMPDIR") == str(tmp_path)]
 
     screen, terminal = os.openpty()
     command = [sys.executable, "-m", "imumon", "demo"]

@@ -24,11 +24,8 @@ from test_check import published
 from waiting import until
 
 from imumon.cli import parsers
-from imumon.cli.exit_codes import SUCCESS, USAGE
 from imumon.cli.explain_command import errors_listed
-from imumon.cli.main import main
 from imumon.cli.progress_bar import progress_bar
-from imumon.documents.summary import summary_text
 from imumon.model.coefficients import COEFFICIENTS, STATUSES
 from imumon.model.glossary import explain, explanations
 from imumon.model.messages import CAVEATS
@@ -41,22 +38,12 @@ def report() -> Report:
     return replace(running, precision={"N": 0.001, "B": 0.15, "K": 0.5})
 
 
-def test_it_is_one_screen_with_the_state_first(report: Report) -> None:
-    lines = summary_text(report, 80).splitlines()
-    assert len(lines) < 24
-    assert lines[0].startswith(f"running: {report.device.id}, VN-100T-CR ")
-    assert max(map(len, lines)) <= 80
-    for name, channel in report.channels.items():
-        assert sum(line.startswith(f"{name} ") for line in lines) == bool(channel.coefficients)
-    assert any(line.startswith("caveats: aliased") for line in lines) == ("aliased" in report.caveats)
-
-
 def test_the_command_prints_a_screen_or_everything(report: Report) -> None:
     with published(report) as endpoint:
         where = ["status", "--connect", endpoint]
         code, screen, errors = run_inside(where)
         assert (code, errors) == (0, "")
-        assert screen.startswith("running: ")
+        assert screen.startswith(f"running: {report.device.id}, VN-100T-CR ")
         _, everything, _ = run_inside([*where, "--verbose"])
         assert len(everything.splitlines()) > len(screen.splitlines())
         assert "## Appendix: distribution" in everything
@@ -98,29 +85,27 @@ def test_what_the_screen_shows_is_explained(word: str) -> None:
     assert explain(word) is not None
 
 
-def test_the_command_prints_a_word_or_names_a_close_one(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["explain", "misfit"]) == SUCCESS
-    assert capsys.readouterr().out.startswith("misfit: ")
-    assert main(["explain", "mistfit"]) == USAGE
-    assert "did you mean misfit?" in capsys.readouterr().err
-    assert main(["explain"]) == SUCCESS
-    assert "walk" in capsys.readouterr().out
-
-
-def test_the_code_of_each_error_is_explained(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["explain", "port_busy"]) == SUCCESS
-    text = capsys.readouterr().out
-    assert "port_busy" in text
-    assert "What to do:" in text
-    assert "docs/ERRORS.md" in text
-    assert main(["explain", "port_buzy"]) == USAGE
-    assert "did you mean port_busy?" in capsys.readouterr().err
+def test_the_command_explains_words_and_codes_of_errors_or_names_a_close_one() -> None:
+    assert imumon("explain", "misfit").startswith("misfit: ")
+    assert "did you mean misfit?" in imumon("explain", "mistfit", code=2)
+    text = imumon("explain", "port_busy")
+    assert all(part in text for part in ("port_busy", "What to do:", "docs/ERRORS.md"))
+    assert "did you mean port_busy?" in imumon("explain", "port_buzy", code=2)
+    assert "walk" in imumon("explain")
     listed = list(errors_listed())
     assert len({code for codes, _, _ in listed for code in codes}) > 150
     assert all(codes and cause and cure for codes, cause, cure in listed)
 
 
 # ---------------------------------------- manual page
+
+
+def options(command: str, *, hidden: bool) -> set[str]:
+    """Return the options of a command, with or without those that its help does not name."""
+    every = (
+        action for action in parsers()[1][command]._actions if hidden or action.help != argparse.SUPPRESS
+    )
+    return {option for action in every for option in action.option_strings}
 
 
 @pytest.fixture(scope="module")
@@ -131,13 +116,13 @@ def page() -> str:
 
 def test_it_has_every_command_and_option(page: str) -> None:
     plain = page.replace("\\-", "-")
-    for name, parser in parsers()[1].items():
+    for name in parsers()[1]:
         assert rf".SS \fBimumon {name}\fR" in plain
-        for action in parser._actions:
-            if action.help == argparse.SUPPRESS:
-                continue
-            names = [option for option in action.option_strings if option not in ("-h", "--help")]
-            assert all(rf"\fB{option}\fR" in plain for option in names)
+        assert not [
+            option
+            for option in options(name, hidden=False) - {"-h", "--help"}
+            if rf"\fB{option}\fR" not in plain
+        ]
     for section in ("COMMANDS", "EXIT STATUS", "ENVIRONMENT", "FILES", "EXAMPLES"):
         assert f".SH {section}" in page.replace(".SH\n", ".SH ")
 
@@ -191,11 +176,13 @@ complete -p imumon >/dev/null"""
     return set(done.stdout.split())
 
 
-@pytest.mark.few
+@pytest.mark.few(3)
 @needs_bash
 @pytest.mark.parametrize(
     ("line", "offered"),
     [
+        ("imumon ", set(parsers()[1])),
+        ("imumon run -", options("run", hidden=True) - {"--stop-with-stdin"}),
         ("imumon st", {"status"}),
         ("imumon run --stream ", {"deltas", "uncompensated", "compensated"}),
         ("imumon wait --coefficient ", {"N", "B", "K", "M"}),
@@ -208,20 +195,6 @@ def test_bash_offers(line: str, offered: set[str], tmp_path: Path) -> None:
     (tmp_path / "capture.bin").touch()
     (tmp_path / "state").mkdir()
     assert complete(line, tmp_path) == offered
-
-
-@needs_bash
-def test_bash_offers_every_command_and_option(tmp_path: Path) -> None:
-    commands = parsers()[1]
-    assert complete("imumon ", tmp_path) == set(commands)
-    for name in ("run", "replay"):
-        options = {
-            option
-            for action in commands[name]._actions
-            for option in action.option_strings
-            if option != "--stop-with-stdin"
-        }
-        assert complete(f"imumon {name} -", tmp_path) == options
 
 
 def drained(master: int) -> str:

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-import zenoh
+import zenoh_sessions
 from commands import imumon
 from daemons import Daemon, n_is_within_a_tenth
 from faulty_sensor import spawn
@@ -217,12 +217,9 @@ CONFIG = "[state]\nsave_period_s = 1.0\n[report]\nperiod_s = 0.25\n"
 
 def ask(endpoint: str, selector: str) -> tuple[list[dict[str, object]], list[str]]:
     """Replies and refusals of a get by plain Zenoh."""
-    config = zenoh.Config()
-    config.insert_json5("mode", '"client"')
-    config.insert_json5("connect/endpoints", json.dumps([endpoint]))
     found: list[dict[str, object]] = []
     refused = []
-    with zenoh.open(config) as session:
+    with zenoh_sessions.client(endpoint) as session:
         for reply in session.get(selector):
             if reply.ok is not None:
                 assert str(reply.ok.encoding) == "application/json"

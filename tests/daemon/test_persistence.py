@@ -16,8 +16,7 @@ from imumon.daemon.persistence import Persistence
 from imumon.model.report import SessionCounters
 from imumon.model.samples import DeviceInfo, SampleBlock, Stream
 from imumon.model.saved_state import unpack
-from imumon.record import Record
-from imumon.record import RecordOptions as Watched
+from imumon.record import Record, RecordOptions
 from imumon.sources.clock import HostClock
 
 FILTER = "85 IMU filtering"
@@ -35,9 +34,9 @@ def block(first: int, n: int = 200) -> SampleBlock:
     return SampleBlock(STREAM, values, (first + np.arange(n)) * 10_000_000, np.zeros(n, dtype=np.int64), None)
 
 
-def begun(directory: Path, of: DeviceInfo, *, fresh: bool = False) -> tuple[Persistence, Record, list[str]]:
-    monitor = Record(rate_hz=100.0)
-    kept = Persistence(directory, "lab", monitor, HostClock(), fresh=fresh)
+def begun(directory: Path, of: DeviceInfo, *, guarded: bool = True) -> tuple[Persistence, Record, list[str]]:
+    monitor = Record(RecordOptions(guarded=guarded), rate_hz=100.0)
+    kept = Persistence(directory, "lab", monitor, HostClock())
     return kept, monitor, [text for text, _ in kept.restore(of)]
 
 
@@ -58,17 +57,6 @@ def test_a_record_goes_on(tmp_path: Path) -> None:
     kept.close(SessionCounters(started=kept.started), None)
 
 
-def test_a_record_with_the_guards_on_does_not_go_on_with_them_off(tmp_path: Path) -> None:
-    leave(tmp_path)
-    bare = Record(Watched(guarded=False), rate_hz=100.0)
-    kept = Persistence(tmp_path, "lab", bare, HostClock())
-    (text, level), *_ = kept.restore(facts())
-    assert level == "warning"
-    assert "guards on" in text
-    kept.close(SessionCounters(), None)
-    assert (tmp_path / "lab.other-settings-1.state").exists()
-
-
 def test_a_state_that_waits_for_the_disk_is_of_one_moment(tmp_path: Path) -> None:
     """It is written by another thread, while samples go on."""
     kept, monitor, _ = begun(tmp_path, facts())
@@ -80,16 +68,19 @@ def test_a_state_that_waits_for_the_disk_is_of_one_moment(tmp_path: Path) -> Non
 
 
 @pytest.mark.parametrize(
-    ("other", "name", "word"),
+    ("other", "guarded", "name", "word"),
     [
-        (facts(serial="0100000002"), "other-sensor", "0100000001"),
-        (facts(filtering="0,8,4,4,0"), "other-settings", FILTER),
+        (facts(serial="0100000002"), True, "other-sensor", "0100000001"),
+        (facts(filtering="0,8,4,4,0"), True, "other-settings", FILTER),
+        (facts(), False, "other-settings", "guards on"),
     ],
 )
-def test_another_is_set_aside_whole(tmp_path: Path, other: DeviceInfo, name: str, word: str) -> None:
+def test_another_is_set_aside_whole(
+    tmp_path: Path, other: DeviceInfo, guarded: bool, name: str, word: str
+) -> None:
     leave(tmp_path)
     before = (tmp_path / "lab.state").read_bytes()
-    kept, monitor, said = begun(tmp_path, other)
+    kept, monitor, said = begun(tmp_path, other, guarded=guarded)
     monitor.feed(block(0))
     assert monitor.samples == 200
     assert word in said[0]
@@ -124,20 +115,6 @@ def test_the_calendar_may_be_set_between_two_runs(tmp_path: Path) -> None:
     saved = decode((tmp_path / "lab.state").read_bytes()).header
     header = replace(saved, boot=boot, saved="2026-01-01T00:00:00.000Z", uptime_s=clock.uptime_s() - 5.0)
     assert persistence._since(header, clock) == pytest.approx(5.0, abs=2.0)
-
-
-def test_a_directory_that_cannot_be_written_is_said_and_then_mended(tmp_path: Path) -> None:
-    kept, monitor, _ = begun(tmp_path, facts())
-    monitor.feed(block(0))
-    place = tmp_path / "lab.state.new"
-    place.mkdir()  # nothing can be written under this name
-    kept.save(SessionCounters(), None)
-    kept._checkpoint.flush()
-    assert [level for _, level in kept.problems()] == ["error"]
-    assert not list(kept.problems())  # once per change
-    place.rmdir()
-    kept.close(SessionCounters(), None)
-    assert Checkpoint(tmp_path, "lab").load()[0] is not None
 
 
 def test_a_state_that_is_removed_is_made_again_and_said_once(tmp_path: Path) -> None:

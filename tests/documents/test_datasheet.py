@@ -144,6 +144,7 @@ def test_the_summary_is_one_screen_of_whole_lines(age: str, width: int) -> None:
     remarks, last = ["a remark that is longer than a line of the terminal " * 3] * 9, ["who has the rest"]
     lines = summary_text(report, width, late="no sample", remarks=remarks, last=last).splitlines()
     assert len(lines) <= LINES < 24
+    assert lines[0].startswith(f"{report.state}: {report.device.id}")
     assert max(map(len, lines)) <= width
     assert lines[-1:] == last
     assert "…" not in "".join(lines)

@@ -31,7 +31,6 @@ class Placed:
 
     samples: int = 0
     missing: int = 0
-    gaps: int = 0
     duplicates: int = 0
     restarts: int = 0  # breaks, and changes of the rate
 
@@ -49,7 +48,6 @@ def measure(
         for part in placed:
             total.samples += len(part.steps)
             total.missing += int((part.steps[part.steps > 1] - 1).sum())
-            total.gaps += int((part.steps > 1).sum())
             total.restarts += int((part.steps == BREAK).sum())
 
     for begin in range(0, len(stamps), chunk):
@@ -75,48 +73,74 @@ def grid(rate_hz: float = RATE_HZ, seconds: float = SECONDS) -> Ints:
     return UNIX_NS + np.rint(np.arange(int(seconds * rate_hz)) * 1e9 / rate_hz).astype(np.int64)
 
 
-def test_stamps_of_a_sample_clock_are_used_as_they_are() -> None:
-    stamps = np.delete(grid(), [1000, 2000, 2001])
-    session, rate, live = measure(stamps)
-    assert (session.samples, session.missing, session.gaps) == (len(stamps), 3, 2)
-    assert rate == RATE_HZ
-    assert live.remark is None
-
-
-@pytest.mark.parametrize(
-    ("rate_hz", "batch_ms"), [(50.0, 60.0), (200.0, 16.0), (200.0, 60.0), (1000.0, 16.0)]
-)
-def test_bunched_stamps_lose_nothing(rate_hz: float, batch_ms: float) -> None:
-    """Host stamps of a bus that delivers batches: every sample counts, none is missing, and the rate is right."""
+def bunched(stamps: Ints, batch_ms: float) -> Ints:
+    """Return the stamps of a bus that delivers batches."""
     batch = round(batch_ms * 1e6)
-    stamps = -(-grid(rate_hz) // batch) * batch
-    session, rate, live = measure(stamps)
-    assert (session.samples, session.missing, session.duplicates) == (len(stamps), 0, 0)
-    assert session.restarts == 0
-    assert rate == pytest.approx(rate_hz, rel=5e-4)
-    assert live.remark is not None
+    return -(-stamps // batch) * batch
 
 
-def test_late_stamps_lose_nothing() -> None:
-    """Each stamp is late by another delay, and some by much."""
-    random = np.random.default_rng(2)
-    true = grid()
-    late = random.exponential(3e6, len(true)).astype(np.int64)
-    late[random.random(len(true)) < 0.003] += 80_000_000
-    stamps = np.maximum.accumulate(true + late)
-    session, rate, live = measure(stamps)
-    assert (session.samples, session.duplicates, session.restarts) == (len(stamps), 0, 0)
-    assert session.missing <= 2
-    assert rate == pytest.approx(RATE_HZ, rel=5e-4)
-    assert live.remark is not None
+def late() -> Ints:
+    """Return stamps each of which is late by another delay, and some by much."""
+    random, true = np.random.default_rng(2), grid()
+    delay = random.exponential(3e6, len(true)).astype(np.int64)
+    delay[random.random(len(true)) < 0.003] += 80_000_000
+    return np.maximum.accumulate(true + delay)
 
 
-def test_a_gap_in_bunched_stamps_is_missing_samples() -> None:
-    keep = np.delete(np.arange(len(grid())), np.arange(6000, 6200))
-    stamps = (-(-grid() // 16_000_000) * 16_000_000)[keep]
-    session, _, _ = measure(stamps)
-    assert session.samples == len(stamps)
-    assert session.missing == pytest.approx(200, abs=3)
+def set_clock(step_s: int) -> Ints:
+    stamps = bunched(grid(), 16.0)
+    stamps[6000:] += step_s * 10**9
+    return stamps
+
+
+@dataclass
+class Arrived:
+    """Stamps of a stream, and what must be counted: how many are missing, up to a tolerance, and given twice."""
+
+    stamps: Ints
+    missing: int = 0
+    tolerance: int = 0
+    duplicates: int = 0
+    restarts: int = 0
+    rate_hz: float = RATE_HZ
+    lost: Ints | None = None
+    from_clock: bool = False
+
+
+KEPT = np.delete(np.arange(12_000), np.arange(3000, 11_000, 400))
+ARRIVED = {
+    "sample clock": Arrived(np.delete(grid(), [1000, 2000, 2001]), missing=3, from_clock=True),
+    "sorted duplicates": Arrived(
+        np.sort(np.append(grid(), grid()[5000:5010])), duplicates=10, from_clock=True
+    ),
+    "late": Arrived(late(), tolerance=2),
+    "gap between batches": Arrived(
+        np.delete(bunched(grid(), 16.0), np.arange(6000, 6200)), missing=200, tolerance=3
+    ),
+    # one lost message in a batch does not show in its stamp; the sequence number tells
+    "known losses": Arrived(
+        bunched(grid(), 40.0)[KEPT], missing=20, tolerance=1, lost=np.diff(KEPT, prepend=-1) - 1
+    ),
+    "clock set forwards": Arrived(set_clock(3600), missing=3600 * round(RATE_HZ)),
+    "clock set back": Arrived(set_clock(-3600), restarts=1),
+    **{
+        f"batches of {batch_ms:g} ms at {rate_hz:g} Hz": Arrived(
+            bunched(grid(rate_hz), batch_ms), rate_hz=rate_hz
+        )
+        for rate_hz, batch_ms in ((50.0, 60.0), (200.0, 16.0), (200.0, 60.0), (1000.0, 16.0))
+    },
+}
+
+
+@pytest.mark.parametrize("name", ARRIVED)
+def test_every_sample_counts_none_is_invented_and_the_rate_is_right(name: str) -> None:
+    arrived = ARRIVED[name]
+    session, rate, live = measure(arrived.stamps, lost=arrived.lost)
+    assert session.samples + session.duplicates == len(arrived.stamps)
+    assert session.missing == pytest.approx(arrived.missing, abs=arrived.tolerance)
+    assert (session.duplicates, session.restarts) == (arrived.duplicates, arrived.restarts)
+    assert rate == pytest.approx(arrived.rate_hz, rel=1e-12 if arrived.from_clock else 5e-4)
+    assert (live.remark is None) == arrived.from_clock
 
 
 @pytest.mark.few
@@ -137,31 +161,11 @@ def test_losses_in_every_window_do_not_change_the_rate(share: float, jitter: flo
     assert live.decided
 
 
-def test_messages_that_are_known_to_be_lost_show_in_bunched_stamps() -> None:
-    """One lost message in a batch does not show in its stamp; the sequence number tells."""
-    all_stamps = -(-grid() // 40_000_000) * 40_000_000
-    gone = np.arange(3000, 11000, 400)
-    keep = np.delete(np.arange(len(all_stamps)), gone)
-    lost = np.diff(keep, prepend=-1) - 1
-    session, rate, _ = measure(all_stamps[keep], lost=lost)
-    assert session.samples == len(keep)
-    assert session.missing == pytest.approx(len(gone), abs=1)
-    assert rate == pytest.approx(RATE_HZ, rel=5e-4)
-
-
-def test_duplicated_stamps_count_once() -> None:
-    stamps = np.sort(np.concatenate([grid(), grid()[5000:5010]]))
-    session, _, _ = measure(stamps)
-    assert session.samples + session.duplicates == len(stamps)
-    assert session.duplicates == 10
-    assert session.missing == 0
-
-
 @pytest.mark.parametrize("wrong", [0, UNIX_NS + 200 * 10**9, 4_000_000_000 * 10**9])
 @pytest.mark.parametrize("batch_ns", [1, 16_000_000])
 def test_single_wrong_stamps_do_no_harm(wrong: int, batch_ns: int) -> None:
     true = grid()
-    stamps = -(-true // batch_ns) * batch_ns
+    stamps = bunched(true, 1e-6 * batch_ns)
     stamps[[400, 7000, 9000]] = wrong
     session, rate, _ = measure(stamps, true)
     assert session.samples >= len(stamps) - 3
@@ -189,15 +193,6 @@ def test_two_checks_show_another_rate_of_a_host_and_the_drift_of_a_clock() -> No
             rows = stamps[begin : begin + CHECK_ROWS]
             live.place(rows, rows, rows, np.zeros(len(rows), np.int64))
         assert live._placer.interval == pytest.approx(ratio * step, rel=1e-5)
-
-
-@pytest.mark.parametrize("step_s", [-3600, 3600])
-def test_a_clock_that_is_set_is_one_break(step_s: int) -> None:
-    true = grid()
-    stamps = -(-true // 16_000_000) * 16_000_000
-    stamps[6000:] += step_s * 10**9
-    session, _, _ = measure(stamps, true)
-    assert session.samples == len(stamps)
 
 
 @pytest.mark.few
@@ -325,18 +320,14 @@ CLOCK_NS = 5_000_000 * np.arange(2000, dtype=np.int64)
 RNG = np.random.default_rng(4)
 
 
-def batches(ns: int) -> Ints:
-    return -(-CLOCK_NS // ns) * ns
-
-
 STAMPS = {
     "single_row": CLOCK_NS[:1],
     "time_descending": CLOCK_NS[::-1],
     "time_constant": np.zeros(2000, np.int64),
-    "time_too_coarse": batches(2_000_000_000),
+    "time_too_coarse": bunched(CLOCK_NS, 2000.0),
     "time_rate_impossible": np.arange(2000, dtype=np.int64),
     "clock": CLOCK_NS,
-    "coarse": batches(2_000_000),
+    "coarse": bunched(CLOCK_NS, 2.0),
     "host": np.maximum.accumulate(CLOCK_NS + RNG.exponential(3e6, 2000).astype(np.int64)),
 }
 """By the name of a kind: stamps of a sensor at 200 Hz."""

@@ -65,6 +65,10 @@ STREAMS: dict[str, tuple[tuple[object, ...], np.ndarray, list[int], float]] = {
         f"lossy start {pattern}": (("startup",), after(pattern * 20) * TICK, [1, *(pattern * 20)[1:]], 0.025)
         for pattern in ([2, 1, 2, 2], [2, 2, 2, 1], [1, 5, 1, 9])
     },
+    "a restart whose second sample has the last time": (
+        KNOWN, np.append(np.arange(50), np.arange(48, 98)) * TICK, [1] * 50 + [BREAK] + [1] * 49, 0.025,
+    ),
+    "a duplicate": (KNOWN, np.array([0, 1, 1, 2, 3]) * TICK, [1] * 4, 0.025),
     "every other lost": (KNOWN, after([2] * 40 + [1] * 40) * TICK, [1] + [2] * 39 + [1] * 40, 0.025),
 }  # fmt: skip
 """By name: words of the clock, stamps, steps, and the interval in s."""
@@ -75,7 +79,10 @@ def test_a_stream_has_its_interval_and_loses_nothing_unseen(name: str) -> None:
     words, times, steps, interval_s = STREAMS[name]
     for cuts in ([], [len(times) // 3, len(times) // 2]):
         clock = SampleClock(*words)  # type: ignore[arg-type]
-        assert place(clock, block(times, str(words[0])), cuts)[0] == steps
+        placed, values = place(clock, block(times, str(words[0])), cuts)
+        assert placed == steps
+        assert len(values) == len(set(values)) == len(times) - clock.duplicates
+        assert (clock.duplicates, clock.out_of_order) == (int(name == "a duplicate"), 0)
         assert clock.interval_s == pytest.approx(interval_s, rel=1e-6)
 
 
@@ -106,23 +113,6 @@ def test_samples_whose_time_has_another_unit_are_excluded_and_counted(step_ns: i
     assert clock.wrong_times + clock.held == 2000
     assert clock.impossible_hz == pytest.approx(1e9 / step_ns)
     assert place(clock, block(2000 * step_ns + TICK * np.arange(100)))[0][-99:] == [1] * 99
-
-
-def test_a_restart_whose_second_sample_has_the_last_time_loses_no_sample() -> None:
-    """That sample does not continue the old time: the one before it is no wrong stamp."""
-    clock = SampleClock("startup", 0.025)
-    steps, values = place(clock, block(np.append(np.arange(50), np.arange(48, 98)) * TICK))
-    assert steps == [1] * 50 + [BREAK] + [1] * 49
-    assert values == list(range(100))
-    assert (clock.duplicates, clock.out_of_order) == (0, 0)
-
-
-def test_a_duplicate_sample_counts_once() -> None:
-    clock = SampleClock("startup", 0.025)
-    steps, values = place(clock, block(np.array([0, 1, 1, 2, 3]) * TICK))
-    assert steps == [1, 1, 1, 1]
-    assert values == [0, 1, 3, 4]
-    assert clock.duplicates == 1
 
 
 def test_without_a_clock_damaged_messages_are_lost_ticks() -> None:

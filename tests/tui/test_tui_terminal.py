@@ -22,6 +22,7 @@ from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
 import aiohttp
+import psutil
 import pytest
 from browser import PROGRAMS, browser
 from daemons import Daemon
@@ -205,9 +206,7 @@ class Tmux:
 
     def screen(self) -> int:
         """Process of the screen in the pane."""
-        shell = int(self.flag("pane_pid"))
-        children = Path(f"/proc/{shell}/task/{shell}/children").read_text().split()
-        return int(children[0])
+        return psutil.Process(int(self.flag("pane_pid"))).children()[0].pid
 
     def close(self) -> None:
         subprocess.run([*self._base, "kill-server"], capture_output=True, check=False, timeout=60)
@@ -255,10 +254,6 @@ def test_only_the_page_itself_may_connect(tmp_path: Path) -> None:
         assert "in use" in second.stderr
         process.send_signal(signal.SIGTERM)
         assert process.wait(60) in (0, -signal.SIGTERM)
-
-
-def children(pid: int) -> list[int]:
-    return [int(word) for word in Path(f"/proc/{pid}/task/{pid}/children").read_text().split()]
 
 
 def open_screen(address: str) -> socket.socket:
@@ -317,7 +312,9 @@ def test_a_browser_shows_the_screen_and_follows_the_keys(tmp_path: Path) -> None
     with page(tmp_path / "empty", "--connect", free_endpoint()) as (address, process):
         until(lambda: status(address) == 200)
         asyncio.run(look(address))
-        until(lambda: not children(process.pid))  # the browser has gone, and its screen with it
+        until(
+            lambda: not psutil.Process(process.pid).children()
+        )  # the browser has gone, and its screen with it
         process.send_signal(signal.SIGTERM)
         process.wait(60)
     assert list((tmp_path / "empty").iterdir()) == []
@@ -372,7 +369,7 @@ def test_a_real_browser_shows_the_screen_and_follows_the_keys(tmp_path: Path) ->
         with page(tmp_path / "empty", "--connect", daemon.endpoint) as (address, process):
             asyncio.run(look(address))
             end = time.monotonic() + 20
-            while children(process.pid):  # the browser has gone, and its screen with it
+            while psutil.Process(process.pid).children():  # the browser has gone, and its screen with it
                 assert time.monotonic() < end
                 time.sleep(0.2)
             process.send_signal(signal.SIGTERM)
