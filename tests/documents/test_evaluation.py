@@ -13,6 +13,7 @@ from reports import RATE, with_coefficients
 from reports import report as report_at
 
 from imumon.api.document_report import document_report
+from imumon.api.replay_options import SensorFilter
 from imumon.cli.wait_condition import WaitCondition
 from imumon.documents import document
 from imumon.documents.references import SheetError, published, read_sheet, sheet_of_model
@@ -25,6 +26,7 @@ from imumon.model.report import Report, from_json
 from imumon.model.samples import GYRO
 from imumon.model.units import figures
 from imumon.record.combined_limits import shared_share, with_combined
+from imumon.sources.files.base import OptionError
 from imumon.tui.formatting import Notation
 
 SHOWN = Excess(value=0.1, low=0.05, high=0.4, p_value=1e-4)
@@ -164,15 +166,6 @@ def sheet_file(tmp_path: Path, *, gyro: float) -> Path:
     return path
 
 
-@pytest.fixture(scope="session")
-def gyroscope(recording: Path) -> Path:
-    """Return the gyroscope of the recording alone: an analysis takes half the time."""
-    path = recording.with_name("gyro.csv")
-    rows = (line.split(",")[:4] for line in recording.read_text().splitlines())
-    path.write_text("\n".join(",".join(row) for row in rows) + "\n")
-    return path
-
-
 # ---------------------------------------- a sensor beside its data sheet
 
 
@@ -286,48 +279,65 @@ def test_a_fault_of_a_sheet_is_one_line(text: str, fault: str, recording: Path, 
 # ---------------------------------------- the filter before the samples
 
 
-def test_a_named_filter_answers_what_the_recording_does_not_say(gyroscope: Path) -> None:
-    for words, factor in (
-        ((), None),
-        (("--filter", "factory"), np.sqrt(5.0)),
-        (("--filter", "20"), 1.0),
-        (("--filter", "10@1000"), np.sqrt(1000.0 / (10 * HZ))),
-    ):
-        device, caveats = (report := replayed(gyroscope, *words)).device, report.caveats
-        assert device.alias_factor == (factor if factor is None else pytest.approx(factor, rel=1e-6))
-        assert ("aliased" in caveats) == (factor is not None and factor > 1.0)
-        assert ("filter" in device.settings) == bool(words)
-    for wrong in ("boxcar", "0.5", "-4", "4@0", "factory@100", "@800"):
-        imumon("replay", gyroscope, f"--filter={wrong}", code=2)
-
-
-def test_what_a_filter_assumes_of_an_unknown_device_is_in_the_report(gyroscope: Path) -> None:
+@pytest.mark.parametrize(
+    ("text", "factor", "assumed"),
+    [
+        ("none", np.sqrt(800.0 / HZ), "rate before the filter"),
+        ("4", np.sqrt(800.0 / (4 * HZ)), "rate before the filter"),
+        ("factory", np.sqrt(5.0), "filter"),
+        ("20", 1.0, "rate before the filter"),
+        ("10@1000", np.sqrt(1000.0 / (10 * HZ)), None),
+    ],
+)
+def test_a_filter_that_is_named_has_a_factor_and_assumes_a_vn100(
+    text: str, factor: float, assumed: str | None
+) -> None:
     """The window of a VN-100 averages samples of 800 Hz; a table may be of another sensor."""
-    for words, assumed in (
-        ("4", "rate before the filter"),
-        ("factory", "filter"),
-        ("none", "rate before the filter"),
-    ):
-        text = imumon("report", gyroscope, "--filter", words)
-        stated = f"the recording names no device: its {assumed} is assumed to be "
-        assert f"{words}, as given with --filter; {stated}" in text
-        assert f"--filter {words}: {stated}" in text  # the remark, with what to do
-        assert "give window and rate, such as 8@1000" in text
-    assert "is assumed to be" not in imumon("report", gyroscope, "--filter", "8@1000")
+    named = SensorFilter.parse(text)
+    assert named.alias_factor(None, HZ) == pytest.approx(factor, rel=1e-6)
+    said = named.assumption(None) or ""
+    assert (f"the recording names no device: its {assumed} is assumed to be " in said) == (
+        assumed is not None
+    )
+
+
+@pytest.mark.parametrize("text", ["boxcar", "0.5", "-4", "4@0", "factory@100", "@800"])
+def test_what_is_no_filter_is_refused(text: str) -> None:
+    with pytest.raises(OptionError) as error:
+        SensorFilter.parse(text)
+    assert error.value.code == "filter_invalid"
+
+
+def test_a_named_filter_answers_what_the_recording_does_not_say(recording: Path, saved: Path) -> None:
+    unknown = from_json(Report, saved.read_text())
+    assert (unknown.device.alias_factor, unknown.device.settings, "aliased" in unknown.caveats) == (
+        None,
+        {},
+        False,
+    )
+    report = replayed(recording, "--filter", "factory")
+    assert report.device.alias_factor == pytest.approx(np.sqrt(5.0))
+    assert "aliased" in report.caveats
+    text, stated = shown(report), "the recording names no device: its filter is assumed to be "
+    assert f"factory, as given with --filter; {stated}" in text
+    assert f"--filter factory: {stated}" in text  # the remark, with what to do
+    assert "give window and rate, such as 8@1000" in text
+    imumon("replay", recording, "--filter=boxcar", code=2)
 
 
 # ---------------------------------------- what a document says beside a number
 
 
 def test_words_are_explained_where_they_are_printed(recording: Path, saved: Path) -> None:
-    for text in (imumon("replay", recording, "--verbose"), imumon("report", saved)):
+    page = imumon("report", saved)
+    for text in (imumon("replay", recording, "--verbose"), page):
         assert "best one whose limits no N and no B exceeds" in " ".join(text.split())
     for form in ("filter", "kalibr", "px4", "ros"):
         text = " ".join(imumon("report", saved, "--format", form).replace("#", "").split())
         assert ("A fix is a measurement" in text) == ("fix" in text.replace("prefix", "")), form
-    page = imumon("report", saved).partition("## Settings")[0]
-    assert page.count("noise folds") == 1
-    assert "--filter names it" in page
+    numbers = page.partition("## Settings")[0]
+    assert numbers.count("noise folds") == 1
+    assert "--filter names it" in numbers
 
 
 def _misfits_are_caveats(report: Report) -> int:
