@@ -4,12 +4,9 @@ from __future__ import annotations
 
 import json
 import os
-import pty
 import shlex
-import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import numpy as np
@@ -68,26 +65,6 @@ def test_a_state_directory_that_cannot_be_one_is_refused_at_the_start(state: str
     assert "/dev/null is not a directory: give a directory with --state" in message
 
 
-@pytest.mark.few
-@pytest.mark.parametrize("command", [("run", "--port", "sim"), ("demo",)])
-def test_a_signal_during_the_start_leaves_no_temporary_directory(
-    command: tuple[str, ...], tmp_path: Path
-) -> None:
-    terminal, other = pty.openpty()
-    environment = {**os.environ, "TMPDIR": str(tmp_path), "TERM": "xterm"}
-    run = subprocess.Popen(
-        [sys.executable, "-m", "imumon", *command], env=environment, stdin=other, stdout=other, stderr=other
-    )
-    end = time.monotonic() + 20
-    while not list(tmp_path.glob("imumon-*")) and time.monotonic() < end:
-        time.sleep(0.005)
-    run.terminate()
-    assert run.wait(60) in (0, -signal.SIGTERM, 128 + signal.SIGTERM)
-    os.close(terminal)
-    os.close(other)
-    assert list(tmp_path.iterdir()) == []
-
-
 @pytest.mark.parametrize(
     ("redirected", "code", "text"),
     [
@@ -128,11 +105,6 @@ def test_output_in_an_encoding_that_lacks_characters(encoding: str, tmp_path: Pa
             assert json.loads(text)["device"]["port"] == str(file)
         else:
             assert {"ascii": "N, deg/sqrt h", "latin-1": "N, °/sqrt h"}[encoding] in text
-    done = subprocess.run(
-        [*arguments[:3], "√"], env=environment, capture_output=True, timeout=60, check=False
-    )
-    assert done.returncode == 2
-    assert done.stderr.decode(encoding).startswith("imumon: no command ")
 
 
 @pytest.mark.parametrize(

@@ -169,16 +169,6 @@ def sheet_file(tmp_path: Path, *, gyro: float) -> Path:
 # ---------------------------------------- a sensor beside its data sheet
 
 
-@pytest.mark.few
-@pytest.mark.parametrize("name", sorted(published()))
-def test_a_published_sheet_names_its_source_and_edition(name: str) -> None:
-    sheet = published()[name]
-    assert sheet.models
-    assert sheet.edition
-    assert sheet.source
-    assert read_sheet(name) == sheet
-
-
 def test_limits_are_converted_from_the_units_of_the_sheet() -> None:
     """0.0035 °/s/√Hz is 0.21 °/√h; a one-sided density is √2 N; in-run stability is 0.664 B."""
     report = make_report()

@@ -14,7 +14,6 @@ from hypothesis import strategies as st
 from imumon.model.samples import Bools, Floats
 from imumon.noise.blocks import BlockAccumulator, BlockMeans
 from imumon.noise.power_law import cosine_variances
-from imumon.noise.synthesis import synthesise
 
 MOST = 16
 NONE = np.zeros(2)
@@ -220,19 +219,3 @@ def test_variances_agree_with_the_exact_covariance(n: int) -> None:
     np.testing.assert_array_equal(found[0], 1.0)
     np.testing.assert_allclose(found[1], exact[1], rtol=0.22 / n + 0.002)
     np.testing.assert_allclose(found[2], exact[2], rtol=1e-5)
-
-
-@pytest.mark.parametrize(("kind", "term"), [("N", 0), ("B", 1), ("K", 2)])
-def test_coefficients_of_simulated_noise_have_these_variances(kind: str, term: int) -> None:
-    count, n, length = 400, 32, 8
-    sizes = {"N": [0.0] * count, "B": 0.0, "K": 0.0} | {kind: [1.0] * count if kind == "N" else 1.0}
-    values = synthesise(n * length, float(length), seed=5, **sizes)  # type: ignore[arg-type]
-    means = values.reshape(n, length, count).mean(axis=1)
-    found = scipy.fft.dct(means, axis=0, norm="ortho")[1:]
-    ratio = (found**2).mean(axis=1) / cosine_variances(n)[term]
-    z = (ratio - 1.0) * np.sqrt(0.5 * count)
-    assert np.abs(z).max() < 4.0
-    assert abs(z.mean()) < 4.0 / np.sqrt(n)
-    correlation = np.corrcoef(found)
-    np.fill_diagonal(correlation, 0.0)
-    assert np.abs(correlation).max() < 0.1 + 4.5 / np.sqrt(count)  # flicker: up to 0.1

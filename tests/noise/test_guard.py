@@ -14,9 +14,7 @@ from imumon.model.samples import Bools, Floats, SampleBlock
 from imumon.model.saved_state import pack
 from imumon.noise.allan import OctaveCascade
 from imumon.noise.detection import Guard, GuardedSamples
-from imumon.noise.detection.baseline import PARTS, FrameStatistics
 from imumon.noise.detection.disturbance import DetectorState, Disturbance
-from imumon.noise.detection.stuck import StuckWatch
 from imumon.noise.synthesis import synthesise
 from imumon.sources.vn100.decoder import Vn100Decoder
 
@@ -91,19 +89,6 @@ def test_noise_of_any_size_is_rest(rate: float, deviation: float, filtered: bool
         assert guard.at_rest
         assert valid.all()
         assert guard.rest_changes() == []
-
-
-@pytest.mark.few
-@pytest.mark.parametrize("rate", [7.0, 10.0, 40.0, 100.0, 400.0])
-@pytest.mark.parametrize("share", [1.0, 0.6])
-def test_white_noise_predicts_the_deviation_of_the_mean(rate: float, share: float) -> None:
-    """With and without lost samples, and where a part is a single one; the lesser of two estimates is low."""
-    part = max(1, round(rate / PARTS))
-    rng = np.random.default_rng(1)
-    d = rng.standard_normal((1, 2000, PARTS, part))
-    usable = rng.random(d.shape[1:]) < share
-    frames = FrameStatistics.of(d * usable, usable, np.zeros(1))
-    assert np.median(frames.white) * np.sqrt(PARTS * part) == pytest.approx(1.0, rel=0.2)
 
 
 @pytest.mark.parametrize(
@@ -239,17 +224,6 @@ def test_a_stuck_axis_is_excluded(axes: slice) -> None:
     assert guard.stuck
     guard.update(values[9600:])
     assert not guard.stuck
-
-
-def test_a_gap_does_not_change_whether_a_sensor_is_stuck() -> None:
-    watch, stuck = StuckWatch([0], 10), np.ones((10, 1), dtype=bool)
-    watch.update(stuck, ~stuck, 0)
-    assert not watch.stuck
-    watch.update(stuck, stuck, 10)
-    watch.update(~stuck, ~stuck, 20)
-    assert watch.stuck
-    watch.update(~stuck, stuck, 30)
-    assert watch.changes == [(20, True), (40, False)]
 
 
 def test_a_coarse_axis_that_repeats_as_often_shows_a_knock() -> None:

@@ -18,7 +18,7 @@ from imumon.model.saved_state import pack, unpack
 from imumon.noise import ChannelFit, Estimator, OctaveCascade, fit_curve, synthesise
 from imumon.noise.allan import AllanCurve
 from imumon.noise.blocks import BlockMeans
-from imumon.noise.fit.likelihood import EVIDENCE, Surface, evidence, quantiles, upper_limit
+from imumon.noise.fit.likelihood import Surface, evidence, quantiles, upper_limit
 from imumon.noise.fit.model import FLICKER, NOISE_TERMS, TERMS, WALK, WHITE, NoiseTerm
 from imumon.noise.fit.observations import BAND_EDGES, block_series, meeting_frequency, spectral_powers
 from imumon.noise.fit.slow_terms import SlowTermSearch
@@ -179,13 +179,8 @@ def other_records(parts: Parts, values: Floats) -> Iterator[tuple[str, AllanCurv
     n, first = len(values), parts.cascade
     white = 5e-4 * np.random.default_rng(9).standard_normal((2 * n, 2))
     yield "slightly longer", curve_of(white[: n + 100], RATE)
-    yield "same length", curve_of(white[:n], RATE)
     yield "same beginning", curve_of(np.concatenate([values[: n - 50], white[:60]]), RATE)
     yield "scaled", curve_of(3.0 * values, RATE)
-    yield "shorter", curve_of(white[: n // 2], RATE)
-    other = first.copy()
-    other.update(white[: n // 100])
-    yield "copy that continued differently", other.result()
     restored = unpack(pack(first))
     restored.update(10.0 * white[: n // 100])
     yield "restored state that continued differently", restored.result()
@@ -205,21 +200,12 @@ def test_an_estimator_returns_no_limits_of_another_record(records: Floats) -> No
         assert results(estimator.fit(other)) == expected, name
         assert results(estimator.fit(other, renew=False)) == expected, name
         assert results(estimator.fit(first.result())) == expected_first, name
+        # sums alone are of no record that could be known
+        alone = results(Estimator(averaged=False).fit_sums(other.sums, other.span))
+        assert results(estimator.fit_sums(other.sums, other.span)) == alone, name
+        assert results(estimator.fit(first.result(), renew=False)) == expected_first, name
     changed = replace(first.result(), avar=4.0 * first.result().avar)
     assert changed.record is None
-
-
-def test_parts_and_their_record_do_not_share_limits(records: Floats) -> None:
-    values = records[:8_000, :2]
-    parts = marked(values)
-    record, part = parts.cascade.result(), parts.curve(512).sums
-    other = curve_of(3.0 * values[:7_900], RATE).sums
-    estimator = Estimator(averaged=False)
-    expected = results(estimator.fit(record))
-    alone = results(Estimator(averaged=False).fit_sums(part, 7_488))
-    estimator.fit_sums(other, 7_900)
-    assert results(estimator.fit_sums(part, 7_488)) == alone
-    assert results(estimator.fit(record, renew=False)) == expected
 
 
 def test_a_growing_record_keeps_its_fit_until_it_has_grown_by_two_per_cent(records: Floats) -> None:
@@ -403,54 +389,15 @@ def test_interpolation_repeats_the_noise_of_the_blocks_beside_a_hole() -> None:
     assert np.mean(ratios) == pytest.approx(1.0, abs=0.1)  # three standard errors; with the mean share, 1.25
 
 
-WHOLE = 1 << 17
-"""Samples: 1,024 whole blocks."""
-
-
-def stated(
-    values: Floats,
-) -> tuple[Estimator, list[SlowTermSearch], list[dict[str, tuple[float, float, str]]]]:
-    """Return the estimator, the slow terms, and limits and status of N, B and K of each channel."""
-    cascade, estimator = OctaveCascade(values.shape[1], tau0=0.025), Estimator(averaged=False, time_to=False)
-    cascade.update(values)
-    curve = cascade.result()
-    fits = estimator.fit(curve)
-    searches = []
-    for channel in range(values.shape[1]):
-        series = block_series(curve.sums.blocks, channel)
-        searches.append(SlowTermSearch(series, None))
-        searches[-1].result()
-    limits = [
-        {letter: (part.low, part.high, part.status) for letter, part in fit.coefficients.items()}
-        for fit in fits
-    ]
-    return estimator, searches, limits
-
-
 @pytest.mark.few
 @pytest.mark.parametrize("K", [3e-6, 0.0])
-def test_a_record_played_backwards_states_the_same(K: float) -> None:
-    values = synthesise(WHOLE, 40.0, N=[6.1e-5] * 8, B=[2.4e-5] * 8, K=[K] * 8, seed=11, averaged=False)
-    forwards, backwards = stated(values), stated(values[::-1].copy())
-    compared = 0
+def test_a_record_played_backwards_has_the_same_slow_terms(K: float) -> None:
+    """Of 1,024 whole blocks: what shows slowly, and how strongly, does not depend on the direction of time."""
+    values = synthesise(1 << 17, RATE, N=[N] * 8, B=[B] * 8, K=[K] * 8, seed=11, averaged=False)
+    forwards, backwards = (curve_of(each, RATE).sums.blocks for each in (values, values[::-1].copy()))
     for channel in range(8):
-        one, two = (searches[channel] for _, searches, _ in (forwards, backwards))
+        one, two = (SlowTermSearch(block_series(each, channel), None) for each in (forwards, backwards))
+        one.result(), two.result()
         assert evidence(one.surface, WALK) == pytest.approx(evidence(two.surface, WALK), rel=1e-6, abs=1e-6)
         assert one.terms.slowest.tolist() == two.terms.slowest.tolist()
         assert one.terms.masked.sum() == two.terms.masked.sum()
-        if one.terms.doubtful or two.terms.doubtful:
-            continue
-        compared += 1
-        for letter, (low, high, status) in forwards[2][channel].items():
-            low_back, high_back, status_back = backwards[2][channel][letter]
-            assert abs(high - high_back) < 0.25 * (high - low)
-            if status == status_back:
-                assert abs(low - low_back) < 0.25 * (high - low)
-            else:
-                # only where chance decides whether it shows
-                surfaces = [
-                    estimator._known[channel].fitted.surface for estimator in (forwards[0], backwards[0])
-                ]
-                assert letter == "K"
-                assert all(abs(evidence(surface, WALK) - EVIDENCE) < 1.0 for surface in surfaces)
-    assert compared >= 4

@@ -1,9 +1,9 @@
-"""Regressors: a drift, a temperature, a warm-up, a step and a new bias after a gap are no random walk."""
+"""Regressors: what moves the mean is no random walk, and its own limits hold the truth."""
 
 from __future__ import annotations
 
 import math
-from functools import partial
+from functools import cache, partial
 
 import numpy as np
 import pytest
@@ -11,6 +11,7 @@ from noise_fits import MOST_MISSED, cascade_of, check_noise, curve_of, held, mea
 
 from imumon.model.samples import Floats
 from imumon.noise import ChannelFit, Estimator, synthesise
+from imumon.noise.fit import BiasFit
 from imumon.noise.fit.observations import block_series
 from imumon.noise.fit.slow_terms import SlowTermSearch
 
@@ -232,3 +233,97 @@ def test_a_missing_hour_counts_as_time(quiet: Floats) -> None:
         drift = fit.regressor("drift")
         assert drift.value == pytest.approx(slope, abs=4.0 * drift.error)
         assert fit.K.status == "upper_bound" or math.isclose(fit.K.low or 0.0, 0.0, abs_tol=1e-6)
+
+
+# --- bias against the temperature --------------------------------------------------------------------------
+
+FLICKER, FAST, LONG, MANY = 2.4e-5, 40.0, 72_000, 32
+"""Half an hour of a usual gyroscope."""
+LONG_AT = np.arange(LONG) / LONG
+WARMING = 1.0 - np.exp(-LONG_AT / 0.2)
+BOTH_WAYS = np.sin(np.pi * LONG_AT) ** 2
+OFFSET = 9.8
+
+
+@cache
+def noise_of(k: float, channels: int) -> Floats:
+    """Return (n, channels) noise that is the same for every effect."""
+    values = synthesise(LONG, FAST, N=[N] * channels, B=FLICKER, K=k, seed=8)
+    values.flags.writeable = False
+    return values
+
+
+def curves(
+    effect: Floats, degrees: Floats, k: float, *, drift: float = 0.0, channels: int = MANY
+) -> tuple[BiasFit, ...]:
+    """Return the curves of channels of noise with an effect (n,) of the temperature (n,) and a drift."""
+    values = noise_of(k, channels) + (OFFSET + effect + drift * (LONG_AT - 0.5))[:, None]
+    curve = with_temperature(curve_of(values, FAST), degrees, FAST)
+    estimator = Estimator(averaged=True, time_to=False)
+    estimator.fit(curve)
+    return estimator.bias_curves(curve.sums)
+
+
+@pytest.mark.few
+@pytest.mark.parametrize(("shape", "k"), [(WARMING, 3e-6), (BOTH_WAYS, 0.0)])
+def test_limits_hold_the_slope_and_the_line(shape: Floats, k: float) -> None:
+    degrees, truth = 20.0 + 40.0 * shape, 1e-5
+    found = curves(truth * degrees, degrees, k, drift=2e-4 * (shape is WARMING))
+    assert all(len(each.terms) == 2 for each in found)
+    held = sum(each.terms[1].low <= truth <= each.terms[1].high for each in found)
+    assert held >= 0.85 * MANY  # of 32 with 95 % each, fewer once in 100 times
+    line_held = []
+    for each in found:
+        bias, middle = np.array(each.bias), len(each.degC) // 2
+        rise = truth * (np.array(each.degC) - each.degC[middle])
+        line_held.append(np.abs(bias - bias[middle] - rise) <= np.array(each.high) - bias)
+        assert each.std_with < each.std_without
+    assert np.mean(line_held) >= 0.9
+
+
+@pytest.mark.few
+@pytest.mark.parametrize(
+    ("degrees", "reason"),
+    [
+        (np.full(LONG, 25.0), "small_range"),
+        (25.0 + 0.01 * np.random.default_rng(1).standard_normal(LONG), "small_range"),
+        (25.0 + 4.0 * LONG_AT, "collinear"),
+        (np.full(LONG, np.nan), "small_range"),
+        (293.15 + 40.0 * WARMING, "implausible"),
+        (np.where(LONG_AT < 0.5, 20.0 + 40.0 * WARMING, 0.0), "jumps"),
+    ],
+)
+def test_a_temperature_that_says_nothing_gives_a_reason(degrees: Floats, reason: str) -> None:
+    for each in curves(np.zeros(LONG), degrees, 0.0, channels=4):
+        assert each == BiasFit(reason=reason)
+
+
+@pytest.mark.slow
+def test_steps_and_holes_of_the_temperature_do_no_harm() -> None:
+    degrees = 20.0 + 40.0 * WARMING
+    coarse = np.round(degrees * 2.0) / 2.0
+    for seen in (coarse, np.where(np.abs(LONG_AT - 0.5) < 0.05, np.nan, degrees)):
+        found = curves(1e-5 * degrees, seen, 0.0)
+        held = [each.terms[1].low <= 1e-5 <= each.terms[1].high for each in found if each.terms]
+        assert len(held) >= 0.9 * MANY
+        assert sum(held) >= 0.85 * len(held)
+
+
+def fits_beside(effect: Floats, degrees: Floats) -> tuple[ChannelFit, ...]:
+    """Return the fits of noise with an effect (n,) of the temperature (n,)."""
+    values = synthesise(LONG, FAST, N=[N] * 8, B=FLICKER, seed=9)
+    curve = curve_of(values + effect[:, None], FAST)
+    return Estimator(averaged=True, time_to=False).fit(with_temperature(curve, degrees, FAST))
+
+
+def test_the_noise_beside_a_bent_effect_is_that_without_one() -> None:
+    """N within 1 %, the bound of B, which takes the low coefficients alone, within 10 %: a cubic effect is no walk."""
+    degrees = 20.0 + 40.0 * WARMING
+    effect = np.polynomial.polynomial.polyval(degrees - 40.0, (0.0, 1e-5, 1e-6, 2e-7))  # about the middle
+    bent = fits_beside(effect, degrees)
+    for plain, warm in zip(fits_beside(0.0 * degrees, degrees), bent, strict=True):
+        assert warm.regressor("temperature_3") is not None
+        assert warm.no_slope == ""  # its limits say how uncertain a slope is beside them
+        assert warm.N.value == pytest.approx(plain.N.value, rel=0.01)
+        assert warm.B.high == pytest.approx(plain.B.high, rel=0.1)
+        assert warm.K.high < 2.0 * plain.K.high

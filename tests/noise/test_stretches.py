@@ -355,20 +355,3 @@ def test_any_chunking_gives_the_same_part(cuts: list[int], place: int) -> None:
     for level, same in zip(one.sums.levels, other.sums.levels, strict=True):
         np.testing.assert_array_equal(level.power, same.power)
         np.testing.assert_array_equal(level.averages, same.averages)
-
-
-def test_the_parts_between_marks_add_up_to_the_record() -> None:
-    x = np.random.default_rng(11).normal(size=(30 * BLOCK + 77, 2))
-    parts = two_channels()
-    for begin in range(0, len(x), 10 * BLOCK):
-        parts.update(x[begin : begin + 10 * BLOCK])
-        parts.mark()
-    places = ((0, 10 * BLOCK), (10 * BLOCK, 20 * BLOCK), (20 * BLOCK, 30 * BLOCK), (30 * BLOCK, None))
-    each = [parts.sums(*ends) for ends in places]
-    whole = parts.sums(0)
-    for level, of_record in enumerate(whole.levels):
-        np.testing.assert_allclose(sum(part.levels[level].power for part in each), of_record.power, rtol=1e-9)
-        assert sum(int(part.levels[level].averages[0]) for part in each) == of_record.averages[0]
-    np.testing.assert_array_equal(np.concatenate([part.blocks.means for part in each]), whole.blocks.means)
-    counts = [parts.moments(*ends).result().channels[0].count for ends in places]
-    assert sum(counts) == parts.moments().result().channels[0].count == len(x)

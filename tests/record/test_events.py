@@ -16,7 +16,7 @@ from imumon.grid.sample_clock import BREAK
 from imumon.model.samples import GYRO, Floats, Ints, SampleBlock, Stream
 from imumon.model.saved_state import pack, unpack
 from imumon.record import Record, RecordOptions
-from imumon.record.events import RECOVERED, DetectedEvent, EventLog
+from imumon.record.events import DetectedEvent, EventLog
 from imumon.record.loss import WINDOW_S, LossWindow
 from imumon.sources.vn100 import ascii
 
@@ -198,44 +198,6 @@ def test_any_chunking_gives_the_share_of_the_last_minute(share: float, seed: int
         assert window.share == pytest.approx(missing_by_brute_force(steps) / (WINDOW_S * RATE))
 
 
-class JudgedWindow(LossWindow):
-    """A window with its alarm; `alarms` has the share of each begin, and the share of each end."""
-
-    def __init__(self) -> None:
-        super().__init__(1.0 / RATE)
-        self._log = EventLog()
-
-    def alarms(self, steps: Ints) -> list[tuple[bool, float]]:
-        for _, share, full in self.update(steps):
-            self._log.update_loss(share, 0.01 / full, 0.0, ends=full >= 1.0)
-        return [(event.level is None, self.share) for event in self._log.drain()]
-
-
-def test_a_lossy_link_is_reported_once_and_so_is_its_end() -> None:
-    window = JudgedWindow()
-    changes = [
-        (second, change)
-        for second in range(400)
-        for change in window.alarms(lossy(1.0, 0.2 if 100 <= second < 200 else 0.0, second))
-    ]
-    (begin, (begins, begun)), (end, (again, ended)) = changes
-    assert begins
-    assert 102 <= begin <= 106  # 1 % of a minute is lost in 3 s
-    assert begun > 0.01
-    assert not again
-    assert 255 <= end <= 260
-    assert ended <= RECOVERED * 0.01
-
-
-def test_a_link_that_is_reconnected_has_not_recovered_before_a_minute() -> None:
-    window = JudgedWindow()
-    assert len(window.alarms(lossy(30.0, 0.2))) == 1
-    window.restart()
-    assert window.alarms(lossy(30.0, 0.2, 2)) == []
-    ended = window.alarms(np.ones(9000, dtype=np.int64))
-    assert [begins for begins, _ in ended] == [False]
-
-
 def test_the_monitor_reports_loss_with_its_level_and_time() -> None:
     monitor, values = Record(RecordOptions(max_loss=0.05)), noise(120.0)
     there = np.random.default_rng(1).random(12_000) >= np.where(np.arange(12_000) < 2000, 0.0, 0.2)
@@ -247,7 +209,14 @@ def test_the_monitor_reports_loss_with_its_level_and_time() -> None:
     assert 30.0 < event.elapsed_s < 40.0  # a twentieth of a minute is lost in 15 s
     assert event.stamped(NOW, "x").level == "warning"
     monitor.gap(3600.0)
-    feed(monitor, values[:100], clock(values[:100], after_s=3721.0))
+    again, complete = lossy(30.0, 0.2, 2), clock(noise(130.0), after_s=3721.0)
+    there = np.cumsum(again) - 1
+    feed(monitor, noise(30.0)[there], complete[there])
     after = report_of(monitor).session
     assert after.missing > 300_000
-    assert after.recent_loss == 0.0
+    assert drained(monitor, "loss") == [], "a link that is reconnected has not recovered before a minute"
+    feed(monitor, noise(100.0), complete[3000:])
+    ((_, ended_s, level),) = drained(monitor, "loss")
+    assert level == "notice"
+    assert 3780.0 < ended_s < 3811.0  # a minute after it is back, and a minute after its last loss
+    assert report_of(monitor).session.recent_loss == 0.0

@@ -5,7 +5,6 @@ from __future__ import annotations
 import itertools
 
 import numpy as np
-import pytest
 from hypothesis import Phase, example, given, settings
 from hypothesis import strategies as st
 from placed import PlacedRecord
@@ -78,6 +77,7 @@ def result(placed: PlacedSamples, edges: list[int]) -> tuple[list[object], list[
     return exact, rounded
 
 
+@example([("motion", 1500)], list(range(1, ROWS)), 3)  # single samples
 @example([("gap", 496), ("long gap", 391), ("clipped", 232), ("motion", 443)], [541, 536, 541, 102, 496], 3)
 @settings(max_examples=15, phases=(Phase.explicit, Phase.reuse, Phase.generate))
 @given(
@@ -95,12 +95,3 @@ def test_any_blocks_give_the_same_result(
         assert one == two
     for a, b in zip(rounded, near, strict=True):
         np.testing.assert_allclose(a, b, rtol=1e-9, atol=1e-15)
-
-
-@pytest.mark.few
-@pytest.mark.parametrize("kind", ["motion", "tilt", "tail", "stuck"])
-def test_single_samples_and_equal_blocks_give_the_same_result(kind: str) -> None:
-    placed = record([(kind, 1500)], 3)
-    whole = result(placed, [])[0]
-    assert whole == result(placed, list(range(1, ROWS)))[0]
-    assert whole == result(placed, list(range(100, ROWS, 100)))[0]
