@@ -6,7 +6,7 @@ The formulas are those of `noise.uncertainty`. The limits of a coefficient that 
 - the scatter between the quarters of the record, where the quarters show it;
 - the scatter between the days of the history, where it has enough of them;
 - what rounding to the steps of the values adds to N;
-- the clock that stamps the samples.
+- the clock that stamps the samples, or that a given rate rests on.
 
 Those of a bound are its own: nothing else is known of it. Aliasing is a factor and not a spread: a caveat has it.
 """
@@ -24,12 +24,10 @@ from imumon.model.samples import INERTIAL, ChannelName
 from imumon.noise import uncertainty
 from imumon.noise.uncertainty import StandardUncertainty
 
-CRYSTAL_TOLERANCE = 1e-4
-"""Share by which the clock of a sensor is assumed to be off at most: 100 parts in a million, ten times a usual
-crystal over temperature."""
-GIVEN_RATE_TOLERANCE = 0.01
-"""Share by which a configured or mean rate is assumed to be off at most: the oscillator of a sensor without a
-crystal."""
+CLOCK_TOLERANCE = 1e-4
+"""Share by which the time of the samples is assumed to be off at most: 100 parts in a million, ten times a usual
+crystal over temperature. A rate that is given counts as the stamps that say the same: those of a sensor come from the
+oscillator that makes its rate, so neither knows more than the other."""
 
 
 def with_combined(
@@ -99,7 +97,5 @@ def _shared(
         rate_hz = report.device.sample_rate_hz
         rounding = uncertainty.of_resolution(value, channel.resolution, channel.std, rate_hz)
         yield from filter(None, [rounding])
-    is_of_sensor = report.device.clock in ("startup", "counter", "dt")
-    tolerance = CRYSTAL_TOLERANCE if is_of_sensor else GIVEN_RATE_TOLERANCE
     averaged = report.device.stream == "deltas" and name.sensor in INERTIAL
-    yield uncertainty.of_time_base(value, letter, tolerance, averaged=averaged)
+    yield uncertainty.of_time_base(value, letter, CLOCK_TOLERANCE, averaged=averaged)

@@ -188,6 +188,32 @@ def test_blocks_of_any_size_give_the_report_of_all_samples(
     assert comparable(live.result().report) == expected, "a result changes nothing"
 
 
+def test_stamps_that_are_equal_to_a_rate_are_that_rate(tmp_path: Path) -> None:
+    """The same samples, with a rate or with its times, state the same limits through every door."""
+    gyro, t = imumon.simulate(6000, LIVE_RATE, N=[6.1e-5] * 3, seed=4), np.arange(6000) / LIVE_RATE
+    gyro = gyro.round(12)  # as the text has it
+    names = [f"gyro_{axis} [rad/s]" for axis in "xyz"]
+    stamped = csv(tmp_path / "a.csv", ["t [s]", *names], t, gyro)
+    plain = csv(tmp_path / "b.csv", names, gyro)
+    of_rate, of_times = imumon.Live(rate_hz=LIVE_RATE), imumon.Live()
+    of_rate.update(gyro)
+    of_times.update(gyro, time_s=t)
+    reports = [
+        imumon.analyse(gyro, rate_hz=LIVE_RATE).report,
+        imumon.analyse(gyro=gyro, time_s=t).report,
+        of_rate.result().report,
+        of_times.result().report,
+        from_json(Report, command("replay", stamped, "--json")),
+        from_json(Report, command("replay", plain, "--rate", "200", "--json")),
+    ]
+    first, *others = (
+        [[part.low, part.high, *part.interval] for part in report.channels["gyro/x"].coefficients.values()]
+        for report in reports
+    )
+    for other in others:  # blocks of another size are added in another order
+        np.testing.assert_allclose(other, first, rtol=1e-9)
+
+
 @pytest.mark.parametrize("count", [40, 5 * ROWS + 7])
 def test_missing_samples_are_rows_without_numbers_a_mask_or_a_number(count: int) -> None:
     gyro = imumon.simulate(2000, LIVE_RATE, N=[6.1e-5] * 3, seed=2)
