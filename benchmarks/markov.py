@@ -133,6 +133,7 @@ def nothing(rng: np.random.Generator, n: int) -> np.ndarray:
 class Cell:
     name: str
     added: Added = nothing
+    N: float = N
     B: float = B
     K: float = 0.0
     M: tuple[float, float] | None = None  # sigma, time constant, s
@@ -173,6 +174,7 @@ CELLS = (
     Cell("clean B, K = 1e-5", K=1e-5),
     Cell("clean K, 12 h", K=3e-7, length=6 * LENGTH),
     Cell("1/f^0.5", power_law(0.5, 0.1), B=0.0),
+    Cell("1/f^0.5 alone", power_law(0.5, 0.5 * RATE), N=0.0, B=0.0),
     Cell("hum 0.03 Hz, 1 sigma, 1 h", hum(0.03, 0.02, 1.0), length=LENGTH // 2),
     Cell("hum 0.03 Hz, 0.3 sigma, 1 h", hum(0.03, 0.02, 0.3), length=LENGTH // 2),
     Cell("hum 0.03 Hz, 0.1 sigma, 1 h", hum(0.03, 0.02, 0.1), length=LENGTH // 2),
@@ -190,7 +192,7 @@ def records(cell: Cell, begin: int, count: int) -> np.ndarray:
     out = []
     for k in range(begin, begin + count):
         rng = np.random.default_rng([zlib.crc32(cell.name.encode()), k])
-        x = synthesise(cell.length, RATE, N=N, B=cell.B, K=cell.K, seed=rng, averaged=False).ravel()
+        x = synthesise(cell.length, RATE, N=cell.N, B=cell.B, K=cell.K, seed=rng, averaged=False).ravel()
         out.append(x + cell.added(rng, cell.length))
     return np.stack(out, axis=1)
 
@@ -220,7 +222,7 @@ def counted(cell: Cell, fits: list[ChannelFit]) -> str:
         words.append(f"T missed {low} {high}")
     caveats = {
         c: sum(c in fit.caveats for fit in fits)
-        for c in ("misfit", "model_misses", "correlated", "vibration", "oscillation", "popcorn")
+        for c in ("misfit", "model_misses", "correlated", "not_white", "vibration", "oscillation", "popcorn")
     }
     words.append(" ".join(f"{c} {n}" for c, n in caveats.items() if n))
     return "  ".join(words)

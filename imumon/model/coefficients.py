@@ -236,6 +236,8 @@ NOISE = tuple(row.letter for row in _ROWS if row.precision is not None)
 """Letters that every channel with a curve has, measured, bounded or pending."""
 GRADED = tuple(row.letter for row in _ROWS if row.graded)
 """Letters that have a grade."""
+NOT_WHITE = "not_white"
+"""Reason code of an N whose noise is not white: its limits hold levels of several frequencies, and it has no grade."""
 CONVERGING = (*NOISE, MARKOV.sigma)
 """Letters of which a report has what was stated when the record was shorter."""
 SINGLE = tuple(letter for letter in COEFFICIENTS if letter not in MARKOV)
@@ -301,7 +303,7 @@ class Estimate:
     scatter: float | None = None  # in `unit`, standard deviation between the quarters of the record
     excess: Excess | None = None  # of this scatter; null: unknown
     reason: str | None = None  # why there is no value, or why there is no scatter
-    reason_code: str | None = None  # why there is no value: constant, resolution, excluded, gaps
+    reason_code: str | None = None  # why no value: constant, resolution, excluded, gaps; no grade: not_white
 
     DERIVED: ClassVar = {"readable": ("value", "low", "high", "unit")}
     """Properties that the JSON has, with their members."""

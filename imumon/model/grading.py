@@ -14,7 +14,8 @@ the exact factors of `coefficients`. The grade of a sensor is the best one whose
 1. Only N and B have limits. A coefficient of which only a bound is known counts with its bound.
 2. A channel is as good as the worse of its coefficients, a sensor as the worst of its axes. The deciding
    coefficient is, within the worst grade, the one that is largest relative to the limit of that grade.
-3. ``best`` is the grade if every coefficient is at its lower 95 % limit, ``worst`` if each is at its upper one. A
+3. An N that is not that of white noise (`NOT_WHITE`) has no limit to compare with, and its sensor no grade.
+4. ``best`` is the grade if every coefficient is at its lower 95 % limit, ``worst`` if each is at its upper one. A
    coefficient that is pending may have any grade. The grade is certain where both agree.
 
 Example
@@ -34,7 +35,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, cast
 
-from imumon.model.coefficients import COEFFICIENTS, GRADED, GRADES, SCALE, Estimate, GradeName
+from imumon.model.coefficients import COEFFICIENTS, GRADED, GRADES, NOT_WHITE, SCALE, Estimate, GradeName
 from imumon.model.report import Axis, DecidedBy, SensorGrade
 
 READABLE_LIMITS: Mapping[str, Mapping[str, tuple[float, float, float, float]]] = {
@@ -73,8 +74,7 @@ def grade_at(sensor: str, coefficient: str, size: float) -> GradeName:
 
 def grade_channel(sensor: str, coefficients: Mapping[str, Estimate]) -> GradeName | None:
     """Return the grade of the N and B of a channel that are known; None if none is."""
-    known = _graded(sensor, "", coefficients)
-    return _worst(known).meets if known else None
+    return grade_sensor(sensor, {"": coefficients}).meets
 
 
 def grade_sensor(sensor: str, axes: Mapping[str, Mapping[str, Estimate]]) -> SensorGrade:
@@ -88,6 +88,11 @@ def grade_sensor(sensor: str, axes: Mapping[str, Mapping[str, Estimate]]) -> Sen
     if sensor not in LIMITS:
         # final, and not provisional: no sample will change it
         return SensorGrade(provisional=False, reason=f"the table has no grades for {sensor}")
+    not_white = [axis for axis, parts in axes.items() if "N" in parts and parts["N"].reason_code == NOT_WHITE]
+    if not_white:
+        return SensorGrade(
+            reason=f"the noise of {', '.join(not_white)} is not white, as the limits of N assume"
+        )
     known = [part for axis, coefficients in axes.items() for part in _graded(sensor, axis, coefficients)]
     if not known:
         return SensorGrade(reason="no coefficient is measured or bounded yet")

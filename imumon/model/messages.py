@@ -96,6 +96,10 @@ CAVEATS: Mapping[str, CaveatText] = {
         "neighbouring samples are not independent: the shortest times are not used",
         "The cause is a filter, or values that repeat.",
     ),
+    "not_white": CaveatText(
+        "the noise is not white: N lies between its levels at the highest frequencies",
+        "It is not flat there, and no filter bends it so: look for a vibration. No grade is given.",
+    ),
     "ramp": CaveatText("the mean drifts steadily: a ramp is part of the model", "K is fitted beside it."),
     "model_misses": CaveatText(
         "the drawn model leaves the limits of the measured curve",

@@ -186,6 +186,7 @@ def combined_estimate(estimates: Sequence[Estimate], systematic: float = 0.0) ->
         unit=unit,
         scatter=mean.scatter * mean.value,
         dof=mean.dof,
+        reason_code=next((part.reason_code for part in measured if part.reason_code), None),
     )
 
 

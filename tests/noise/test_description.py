@@ -11,6 +11,7 @@ import pytest
 import scipy
 from noise_fits import MOST_MISSED, check_noise, curve_of, fits_of, held, width
 
+from imumon.model.grading import grade_channel
 from imumon.model.samples import Floats
 from imumon.noise import Estimator, OctaveCascade, fit_curve, synthesise
 
@@ -70,6 +71,19 @@ def test_a_low_pass_leaves_n_and_b(
     check(fits)
     assert all("correlated" in fit.caveats for fit in fits)
     assert width(fits, "N") < 0.25 * N
+
+
+def test_noise_that_is_not_white_is_no_filter_and_has_no_grade() -> None:
+    """Of 1/sqrt(f) noise, N holds the level of the highest frequencies, not only that of lower ones."""
+    f = np.fft.rfftfreq(2 * LENGTH, 1.0 / RATE)
+    share = np.append(0.0, (f[-1] / f[1:]) ** 0.25)[:, None]
+    white = np.random.default_rng(3).standard_normal((2 * LENGTH, CHANNELS))
+    fits = fitted(SIGMA * np.fft.irfft(share * np.fft.rfft(white, axis=0), axis=0)[:LENGTH])
+    for fit in fits:
+        assert "not_white" in fit.caveats
+        assert "correlated" not in fit.caveats
+        assert fit.N.low < 1.1 * N < 2.0 * N < fit.N.high  # type: ignore[operator]
+        assert grade_channel("gyro", fit.coefficients) is None
 
 
 @pytest.mark.slow

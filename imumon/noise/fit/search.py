@@ -63,7 +63,7 @@ from imumon.noise.fit.observations import (
 )
 from imumon.noise.fit.slow_terms import SlowTerms, SlowTermSearch
 from imumon.noise.noise_sums import NoiseSums
-from imumon.noise.validity_groups import ROUNDING_VARIANCE
+from imumon.noise.validity_groups import ROUNDING, ROUNDING_VARIANCE
 
 INDEPENDENT_COUNTS = 0.5
 """The errors of rounding are independent from here on. Unit: counts of noise between two samples.
@@ -97,7 +97,13 @@ WINDOWS = (2, 3, 4, 5, 6, 8, 10, 12, 16)
 Otherwise: its spectrum is fitted as a low-pass, and octaves are left out that show N. Origin: lengths that sensors
 have: VN-100 and ADIS16405 powers of two, others divisors of their rates (`real_effects.py`).
 """
+SLOWER = 0.8
+"""No filter explains an upper end that falls to less than this before a low-pass of first order has; see
+`ModelSearch._levels`. Unit: of its density.
 
+Otherwise: of 1/sqrt(f) noise, N is stated some octaves below its top, blamed on a filter. Origin: 1 dB; filters of
+simulated and real sensors are above 0.95, noise of this kind below 0.65 (`markov.py`).
+"""
 BAND_MIDDLE = 0.8
 """A band of the spectrum is left out by the frequency in its middle. Unit: of its upper end."""
 INSTEAD_GAIN = 1.0
@@ -148,6 +154,8 @@ class Model:
     choice : for the next fit.
     markov : likelihood with Gauss–Markov noise; None: the data do not ask for it.
     upper_error : relative standard deviation of N^2 between choices of the highest frequency, beyond their statistics.
+    levels : least and greatest density at the upper end over that of the model, where no filter explains it; None: one
+        does, or it is flat.
     instead : letters of the terms that describe the record better in the place of a term that shows.
     may_be_counted : whether the record does not exclude that the samples are differences of an angle in counts.
     hump : what no term explains, and whose band is left out; None: there is none.
@@ -165,6 +173,7 @@ class Model:
     choice: ModelChoice
     markov: MarkovSurface | None = None
     upper_error: float = 0.0
+    levels: tuple[float, float] | None = None
     instead: Mapping[NoiseTerm, Sequence[str]] = field(default_factory=dict)
     may_be_counted: bool = False
     hump: Hump | None = None
@@ -484,6 +493,7 @@ class ModelSearch:
             choice,
             markov,
             self._upper_error(upper_end),
+            self._levels(upper_end, surface),
             {} if markov is not None and markov.is_certain else self._instead(upper_end, error, surface),
             self._may_be_counted(upper_end, surface),
             None if self._band is None else self._hump(surface, slow, self._band),
@@ -572,6 +582,26 @@ class ModelSearch:
         if not apart.size:
             return errors[0]  # nothing to compare with: as uncertain as by the statistics, once more
         return float(np.sqrt(np.maximum(apart - by_chance, 0.0).mean()))
+
+    def _levels(self, upper_end: UpperEnd, surface: Surface) -> tuple[float, float] | None:
+        """Return the least and the greatest density of the upper end over the model, where no filter explains it.
+
+        Behind a filter the density falls ever more steeply towards the highest frequency: it lies above that of a
+        low-pass of first order which takes as much there. Noise between white and flicker falls evenly, and lies below.
+        """
+        if not upper_end.low_pass:
+            return None
+        bands = self._powers(1, list(surface.powers))
+        model = total(surface.powers, lambda term: bands.expected[term])
+        passed = np.maximum(bands.power - ROUNDING_VARIANCE * self._step**2, ROUNDING * bands.power) / model
+        last = int(bands.top.argmax())
+        first_order = 1.0 / (1.0 + (1.0 / passed[last] - 1.0) * bands.bend / bands.bend[last])
+        # from an octave in use on; where a filter has taken half, its lobes and what is added behind it follow
+        upper = bands.top > 0.5 * upper_end.highest
+        slower = upper & (passed > 0.5) & (passed < SLOWER * first_order)
+        if not slower.any() and passed[last] < 1.0 / SLOWER:
+            return None
+        return float(passed[upper].min()), float(passed[upper].max())
 
     def _markov_peaks(self, upper_end: UpperEnd, error: float = 0.0) -> Peaks | None:
         """Return the likeliest models with Gauss–Markov noise; None where its odds are below even."""

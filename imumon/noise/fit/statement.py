@@ -29,7 +29,8 @@ A model (`search.Model`) is a likelihood of powers in units of tau0. Three thing
 
   The variance of N^2 has three parts: that of the likelihood; excess kurtosis g of n independent samples, which adds
   g/n to its relative variance (Fisher 1930), as if N^2 itself varied, and of which a negative one is not credited; and
-  the scatter between choices of the highest frequency (`ModelSearch._upper_error`).
+  the scatter between choices of the highest frequency (`ModelSearch._upper_error`). Where no filter explains the upper
+  end, the limits of N hold its levels there (`ModelSearch._levels`), and it has no grade (`NOT_WHITE`).
 
   Popcorn noise changes no coefficient: the jumps are M, with levels and times beside it (`popcorn`). The distance of
   the levels comes from the likeliest M and not from its median, because shares and times are those of the same series.
@@ -48,7 +49,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from scipy.special import ndtr, ndtri
 
-from imumon.model.coefficients import LIMIT_95, NOISE, SIGNIFICANT, Estimate, MarkovEstimate
+from imumon.model.coefficients import LIMIT_95, NOISE, NOT_WHITE, SIGNIFICANT, Estimate, MarkovEstimate
 from imumon.model.samples import Bools, Floats
 from imumon.noise.fit.hump import Hump, line_bands
 from imumon.noise.fit.likelihood import (
@@ -94,6 +95,7 @@ has the evidence R - 1 - ln R, whose root grows with the power 0.7 of R - 1 from
 
 NOT_SHOWN = "the record does not show it"
 MOVES_SLOWLY = "a mean that moves slowly explains it"
+NO_LEVEL = "the noise is not white: the limits hold its levels at the highest frequencies"
 TOO_SHORT = "the record is too short"
 
 # ------------------------------------------------------------------------------------------------ what is stated
@@ -165,9 +167,9 @@ class ChannelFit:
     readings : classical slope readings by letter; None: the curve has none.
     caveats : ``misfit`` (chance explains what the model leaves in less than 1 % of records; limits are wider only
         where the bands alone reject the model, see `search.ModelSearch`), ``model_misses`` (the drawn model leaves the
-        limits of the curve), ``vibration`` (lines that bend the curve), ``correlated`` (a filter), ``quantised``,
-        ``ramp``, ``oscillation``, ``popcorn`` (Gauss–Markov noise that jumps between two levels), ``unguarded``
-        (`estimator.UNGUARDED`).
+        limits of the curve), ``vibration`` (lines that bend the curve), ``correlated`` (a filter), ``not_white``
+        (neither a filter nor a term explains the upper end), ``quantised``, ``ramp``, ``oscillation``, ``popcorn``
+        (Gauss–Markov noise that jumps between two levels), ``unguarded`` (`estimator.UNGUARDED`).
     regressors : what moves the mean, with its limits.
     no_slope : why there is no temperature slope: "", ``no_temperature``, ``small_range`` or ``collinear``.
     explained : share of the variance of the means beyond white noise that follows the temperature; None: unknown.
@@ -308,7 +310,8 @@ def state_model(
     hump_hz, periods_s, none = _hump_range(model, tau0), periods(model, tau0), np.zeros(0)
     caveats = {
         "misfit": model.p_value < CHANCE,
-        "correlated": model.upper_end.window > 1 or model.upper_end.low_pass,
+        "correlated": model.levels is None and (model.upper_end.window > 1 or model.upper_end.low_pass),
+        NOT_WHITE: model.levels is not None,
         "quantised": "Q" in coefficients,
         "oscillation": bool(periods_s),
         "popcorn": jumps is not None,
@@ -408,6 +411,10 @@ def _coefficients(
             rounded = replace(rounded, high=max(rounded.high, high or 0.0))
     unrounded = _of_power(before, math.hypot(error, _rounding_error(before, rounding)))
     white = replace(rounded, low=unrounded.low) if unrounded.value else replace(unrounded, high=rounded.high)
+    if model.levels is not None and white.low is not None and white.high is not None:
+        least, greatest = (math.sqrt(mean * level) for level in model.levels)
+        low, high = min(white.low, least), max(white.high, greatest)
+        white = replace(white, low=low, high=high, reason=NO_LEVEL, reason_code=NOT_WHITE)
     estimates: dict[NoiseTerm, Estimate] = {WHITE: white}
     if samples * tau0 < LEAST_B_K_S:
         estimates |= dict.fromkeys(GRIDDED, Estimate(reason=TOO_SHORT))
