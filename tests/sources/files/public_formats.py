@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 
 import numpy as np
@@ -47,8 +47,6 @@ class PublicFormat:
     file : name of the file.
     text : returns what is in it.
     sensors : that a reader may expect from it without a choice, or from each choice.
-    known : what only the user knows, by the word that a cure has in its place.
-    asked : the user must say what no file does; a cure that asks for it ends the way.
     """
 
     name: str
@@ -56,8 +54,6 @@ class PublicFormat:
     file: str
     text: Callable[[], str]
     sensors: tuple[str, ...] = ("gyro", "accel")
-    known: dict[str, str] = field(default_factory=dict)
-    asked: bool = False
 
 
 def rows(*columns: object, header: str = "", sep: str = ",", digits: str = ".9g", end: str = "\n") -> str:
@@ -298,7 +294,7 @@ FORMATS = (
     PublicFormat("event camera data set", "UZH-FPV data set, https://fpv.ifi.uzh.ch", "imu.txt",
         lambda: rows(UNIX + STEP / RATE, GYRO, ACCEL, header="# timestamp ang_vel_x ang_vel_y ang_vel_z lin_acc_x lin_acc_y lin_acc_z", sep=" ", digits=".16g")),
     PublicFormat("event camera data set, no header", "DAVIS data set, https://rpg.ifi.uzh.ch/davis_data.html", "imu.txt",
-        lambda: rows(STEP / RATE, ACCEL, GYRO, sep=" "), asked=True),
+        lambda: rows(STEP / RATE, ACCEL, GYRO, sep=" ")),
     PublicFormat("Trigno, a time for each column", "Delsys, https://delsys.com", "trial.csv", _own_time_for_each),
     PublicFormat("can_data of an INS", "python-openimu, https://github.com/Aceinna/python-openimu", "data.csv",
         lambda: rows(STEP / RATE, GYRO / DEG, ACCEL, header="time,xRate,yRate,zRate,xAccel,yAccel,zAccel")),
@@ -315,7 +311,7 @@ FORMATS = (
         lambda: rows(us(), GYRO / DEG, ACCEL / G, header="Timestamp (us),Gyroscope X (deg/s),Gyroscope Y (deg/s),Gyroscope Z (deg/s),Accelerometer X (g),Accelerometer Y (g),Accelerometer Z (g)")),
     PublicFormat("NGIMU", "NGIMU import example, https://github.com/xioTechnologies/NGIMU-MATLAB-Import-Logged-Data-Example", "sensors.csv",
         lambda: rows(STEP / RATE, GYRO / DEG, ACCEL / G, GYRO * 0 + 20.0, STEP * 0 + 1013.0, header="Time (s),Gyroscope X (deg/s),Gyroscope Y (deg/s),Gyroscope Z (deg/s),Accelerometer X (g),Accelerometer Y (g),Accelerometer Z (g),Magnetometer X (uT),Magnetometer Y (uT),Magnetometer Z (uT),Barometer (hPa)")),
-    PublicFormat("MPU6050_raw of i2cdevlib", "i2cdevlib, https://github.com/jrowberg/i2cdevlib", "serial.txt", _echo_python, known={"COUNTS": "131", "--rate": "--rate 100"}),
+    PublicFormat("MPU6050_raw of i2cdevlib", "i2cdevlib, https://github.com/jrowberg/i2cdevlib", "serial.txt", _echo_python),
     PublicFormat("Teleplot", "teleplot, https://github.com/nesnes/teleplot", "teleplot.txt", _teleplot),
     PublicFormat("InfluxDB lines", "influxdb, https://github.com/influxdata/influxdb", "imu.lp", _influx_lines),
     PublicFormat("gopro-telemetry CSV", "gopro-telemetry, https://github.com/JuanIrache/gopro-telemetry", "GYRO.csv",
@@ -323,7 +319,7 @@ FORMATS = (
     PublicFormat("HSDatalog", "stdatalog, https://github.com/STMicroelectronics/stdatalog_examples", "lsm6dsv_gyro.csv",
         lambda: rows(STEP / RATE, GYRO / DEG * 1e3, header="Time,G_x [mdps],G_y [mdps],G_z [mdps]"), ("gyro",)),
     PublicFormat("iSensor FX3 evaluation", "iSensor-FX3-Eval, https://github.com/analogdevicesinc/iSensor-FX3-Eval", "burst.csv",
-        lambda: rows(STEP, np.rint(GYRO / DEG * 160).astype(int), np.rint(ACCEL / G * 4000).astype(int), header="DATA_CNTR,X_GYRO_OUT,Y_GYRO_OUT,Z_GYRO_OUT,X_ACCL_OUT,Y_ACCL_OUT,Z_ACCL_OUT"), known={"COUNTS": "160", "--rate": "--rate 100"}),
+        lambda: rows(STEP, np.rint(GYRO / DEG * 160).astype(int), np.rint(ACCEL / G * 4000).astype(int), header="DATA_CNTR,X_GYRO_OUT,Y_GYRO_OUT,Z_GYRO_OUT,X_ACCL_OUT,Y_ACCL_OUT,Z_ACCL_OUT")),
     PublicFormat("DMU of Silicon Sensing", "Silicon Sensing, https://www.siliconsensing.com", "dmu.csv",
         lambda: rows(STEP / RATE, STEP, np.stack([GYRO / DEG, ACCEL / G], axis=2).reshape(COUNT, 6),
             header="Time (s),Message Count," + ",".join(f"Axis {a} Rate (°/s),Axis {a} Acceleration (g)" for a in "XYZ"))),
@@ -336,15 +332,14 @@ FORMATS = (
     PublicFormat("Mind Monitor", "Mind Monitor, https://mind-monitor.com", "mindMonitor.csv",
         lambda: rows(dates("%Y-%m-%d %H:%M:%S.%f", 3), ACCEL / G, GYRO / DEG, header="TimeStamp,Accelerometer_X,Accelerometer_Y,Accelerometer_Z,Gyro_X,Gyro_Y,Gyro_Z")),
     PublicFormat("KAIST urban data set", "Complex Urban data set, https://sites.google.com/view/complex-urban-dataset", "xsens_imu.csv",
-        lambda: rows(ns(), GYRO * 0 + 0.1, STEP * 0 + 1.0, GYRO * 0, GYRO, ACCEL, GYRO * 0 + 0.3), asked=True),
+        lambda: rows(ns(), GYRO * 0 + 0.1, STEP * 0 + 1.0, GYRO * 0, GYRO, ACCEL, GYRO * 0 + 0.3)),
     PublicFormat("LabVIEW measurement", "LabVIEW, https://www.ni.com/labview", "run.lvm",
         lambda: "LabVIEW Measurement\t\nWriter_Version\t2\nSeparator\tTab\nDecimal_Separator\t.\n***End_of_Header***\t\n\t\nChannels\t3\t\t\t\n"
         "Samples\t1200\t1200\t1200\nX_Dimension\tTime\tTime\tTime\n***End_of_Header***\t\t\t\t\nX_Value\tGyro X\tGyro Y\tGyro Z\tComment\n"
         + rows(STEP / RATE, GYRO, sep="\t"), ("gyro",)),
     PublicFormat("Empatica ACC", "Empatica E4, https://www.empatica.com", "ACC.csv",
-        lambda: "1700000000.000000, 1700000000.000000, 1700000000.000000\n100.000000, 100.000000, 100.000000\n" + rows(np.rint(ACCEL / G * 640).astype(int)), ("accel",), asked=True),
+        lambda: "1700000000.000000, 1700000000.000000, 1700000000.000000\n100.000000, 100.000000, 100.000000\n" + rows(np.rint(ACCEL / G * 640).astype(int)), ("accel",)),
     PublicFormat("KITTI OXTS", "pykitti, https://github.com/utiasSTARS/pykitti", "0000000000.txt",
-        lambda: " ".join(f"{v:.9g}" for v in np.r_[49.0, 8.4, 112.8, 0.0, 0.0, 0.0, np.zeros(5), ACCEL[0], ACCEL[0], GYRO[0], GYRO[0], 0.5, 0.1, 4, 10, 5, 5, 5]) + "\n", asked=True),
-    PublicFormat("NovAtel RAWIMUSXA", "OEM7 manual, https://docs.novatel.com/OEM7", "imu.asc", _novatel,
-        known={"ACCEL_SCALE": repr(2.0**-29), "GYRO_SCALE": repr(2.0**-33)}),
+        lambda: " ".join(f"{v:.9g}" for v in np.r_[49.0, 8.4, 112.8, 0.0, 0.0, 0.0, np.zeros(5), ACCEL[0], ACCEL[0], GYRO[0], GYRO[0], 0.5, 0.1, 4, 10, 5, 5, 5]) + "\n"),
+    PublicFormat("NovAtel RAWIMUSXA", "OEM7 manual, https://docs.novatel.com/OEM7", "imu.asc", _novatel),
 )  # fmt: skip

@@ -1,19 +1,19 @@
 """Layouts as other programs write them: the score of reading a collection of inputs with known noise.
 
-The collection lies beside the checkout; without it the test is skipped. Run the module to see the score by input.
+The collection lies beside the checkout; without it the test is skipped.
 """
 
 from __future__ import annotations
 
-import json
-import subprocess
-import sys
-from dataclasses import dataclass, field
-from pathlib import Path
+from dataclasses import dataclass
 
 import pytest
+from paths import RECORDINGS
+from tables import replayed
 
-COLLECTION = Path(__file__).parents[3].parent / "shared"
+from imumon.model.errors import ImumonError
+
+COLLECTION = RECORDINGS.parent
 
 Axes = tuple[float, float, float]
 GYRO: Axes = (1.0e-4, 2.0e-4, 3.0e-4)
@@ -33,14 +33,14 @@ class Layout:
     path : below the collection.
     gyro, accel : N in SI by axis; None: either way is right.
     stated : everything is stated in it, so that a question is a fault.
-    known : options that only the owner knows.
+    rate_hz : that only the owner knows.
     """
 
     path: str
     gyro: tuple[float, ...] | None = GYRO
     accel: tuple[float, ...] | None = ACCEL
     stated: bool = False
-    known: tuple[str, ...] = field(default=())
+    rate_hz: float | None = None
 
 
 LAYOUTS = (
@@ -59,7 +59,7 @@ LAYOUTS = (
     Layout("cases/one_row_per_event/sensors.sense", EVEN_GYRO, None),
     Layout("cases/rostopic_echo/imu.txt", None, None),
     Layout("cases/labelled_lines/labels1.log", EVEN_GYRO, EVEN_ACCEL),
-    Layout("cases/labelled_lines/serial.log", EVEN_GYRO, EVEN_ACCEL, known=("--rate", "100")),
+    Layout("cases/labelled_lines/serial.log", EVEN_GYRO, EVEN_ACCEL, rate_hz=100.0),
     Layout("cases/millimetres/adxl345-20230101.csv", (), (3.0e-3,) * 3),
     Layout("cases/increments/stim.csv", None, None, stated=True),
     Layout("cases/increments/delta.csv", None, None, stated=True),
@@ -73,56 +73,39 @@ LAYOUTS = (
     Layout("printed_logs/one_axis_fog/fog_f1.csv", (FOG,), ()),
     Layout("printed_logs/python_dicts/dicts.txt"),
     Layout("printed_logs/python_dicts/list_cells.csv"),
-    Layout(
-        "printed_logs/sparkfun_icm20948/sparkfun.txt", (1e-3, 2e-3, 3e-3), accel=None, known=("--rate", "100")
-    ),
+    Layout("printed_logs/sparkfun_icm20948/sparkfun.txt", (1e-3, 2e-3, 3e-3), accel=None, rate_hz=100.0),
     Layout("printed_logs/stated_rate_Fs/log.csv", stated=True),
     Layout("printed_logs/time_in_minutes/t_min.csv"),
-    Layout("printed_logs/time_in_ticks/tick_bosch.csv", known=("--rate", "100")),
+    Layout("printed_logs/time_in_ticks/tick_bosch.csv", rate_hz=100.0),
     Layout("printed_logs/two_time_columns/pair_p3.csv"),
     Layout("printed_logs/unit_in_words/firm_quiet.csv", tuple(n / 30.0 * 1.0 for n in GYRO), (), stated=True),
 )
 
 
-def outcome(layout: Layout, *options: str) -> str:
+def outcome(layout: Layout, **options: object) -> str:
     """Return what a replay gives: ``right``, ``asks``, ``refuses`` with the error, or ``wrong`` with the channel."""
-    command = [sys.executable, "-m", "imumon", "replay", str(COLLECTION / layout.path), "--json", *options]
-    run = subprocess.run(command, capture_output=True, text=True, stdin=subprocess.DEVNULL, check=False)
-    if run.returncode:
-        try:
-            code = json.loads(run.stderr.strip().splitlines()[-1])["error"]["code"]
-        except (ValueError, IndexError, KeyError):
-            code = run.stderr[-300:]
-        return "asks" if code in ("columns_unclear", "rate_required") else f"refuses: {code}"
-    channels = json.loads(run.stdout)["channels"]
+    try:
+        report, _ = replayed(COLLECTION / layout.path, **options)
+    except ImumonError as error:
+        return "asks" if error.code in ("columns_unclear", "rate_required") else f"refuses: {error.code}"
     for sensor, truth in (("gyro", layout.gyro), ("accel", layout.accel)):
         for axis, expected in zip("xyz", truth or (), strict=False):
-            channel = channels.get(f"{sensor}/{axis}")
+            channel = report.channels.get(f"{sensor}/{axis}")
             if channel is None:
                 return f"wrong: {sensor}/{axis} is missing"
-            noise = channel["N"]
-            low, high = noise["low"] or 0.0, noise["high"] or float("inf")
+            low, high = channel.N.low or 0.0, channel.N.high or float("inf")
             if not low / 1.15 <= expected <= high * 1.15:
-                return f"wrong: {sensor}/{axis} N {noise['value']} is not {expected:.3g}"
+                return f"wrong: {sensor}/{axis} N {channel.N.value} is not {expected:.3g}"
     return "right"
-
-
-def score(layouts: tuple[Layout, ...] = LAYOUTS) -> list[tuple[Layout, str, str]]:
-    """Return each layout with its outcome as it is, and with the proposal accepted."""
-    return [(each, outcome(each), outcome(each, "--accept", *each.known)) for each in layouts]
 
 
 @pytest.mark.slow
 @pytest.mark.skipif(not (COLLECTION / "cases").exists(), reason="the collection of layouts is not there")
 def test_no_layout_of_the_collection_gives_a_wrong_number() -> None:
-    results = score()
-    assert not [(e.path, plain) for e, plain, _ in results if plain.startswith("wrong")]
-    accepted = [taken == "right" for _, _, taken in results]
-    assert sum(accepted) >= 0.95 * len(accepted), [(e.path, t) for e, _, t in results if t != "right"]
-    asked = [e.path for e, plain, _ in results if e.stated and plain != "right"]
-    assert len(asked) <= 0.05 * len(results), asked
-
-
-if __name__ == "__main__":
-    for each, plain, taken in score():
-        print(f"{each.path:70} {plain:40} {taken}", flush=True)
+    plain = {each.path: outcome(each, accept=False) for each in LAYOUTS}
+    assert not {path: result for path, result in plain.items() if result.startswith("wrong")}
+    accepted = {each.path: outcome(each, rate_hz=each.rate_hz) for each in LAYOUTS}
+    others = {path: result for path, result in accepted.items() if result != "right"}
+    assert len(others) <= 0.05 * len(LAYOUTS), others
+    asked = [each.path for each in LAYOUTS if each.stated and plain[each.path] != "right"]
+    assert len(asked) <= 0.05 * len(LAYOUTS), asked
