@@ -10,7 +10,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from commands import imumon
 from tables import DEG, G, read, replayed, truth
 
 from imumon.api.replay_options import ReplayOptions
@@ -93,7 +92,7 @@ def test_arrays_with_names_are_read(tmp_path: Path, name: str) -> None:
 @pytest.mark.few
 @pytest.mark.parametrize("save", [np.savez, np.savez_compressed], ids=["stored", "compressed"])
 def test_the_memory_of_an_archive_does_not_grow_with_it(tmp_path: Path, save: Callable[..., None]) -> None:
-    count = 600_000
+    count = 300_000
     numbers = np.random.default_rng(1).standard_normal((count, 3))
     save(tmp_path / "a.npz", time_s=np.arange(count) / 100.0, gyro_rads=1e-3 * numbers)
     tracemalloc.start()
@@ -125,12 +124,13 @@ def test_arrays_of_two_lengths_are_read_one_by_one(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("name", WRITERS)
-@pytest.mark.parametrize("share", [0.3, 0.95])
-def test_a_file_that_is_cut_is_one_line(tmp_path: Path, name: str, share: float) -> None:
+def test_a_file_that_is_cut_is_corrupt(tmp_path: Path, name: str) -> None:
     WRITERS[name](tmp_path / name)
     data = (tmp_path / name).read_bytes()
-    (tmp_path / name).write_bytes(data[: int(share * len(data))])
-    assert "corrupt" in imumon("replay", tmp_path / name, code=1)
+    for share in (0.3, 0.95):
+        (tmp_path / name).write_bytes(data[: int(share * len(data))])
+        with pytest.raises(RecordingError, match="corrupt"):
+            read(tmp_path / name)
 
 
 def test_a_damaged_archive_is_named_as_damaged(tmp_path: Path) -> None:
