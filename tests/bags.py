@@ -4,21 +4,18 @@ from __future__ import annotations
 
 import struct
 from binascii import crc32
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
-from tables import truth
 
 Message = tuple[int, np.ndarray, np.ndarray]
 """Stamp in ns, angular velocity in rad/s, acceleration in m/s^2."""
 
 
-def messages(n: int) -> list[Message]:
-    """Return n messages of a sensor at rest."""
-    t, gyro, accel = truth(n)
+def messages(t: np.ndarray, gyro: np.ndarray, accel: np.ndarray) -> list[Message]:
+    """Return the messages of samples at some times in s."""
     stamps = 1_700_000_000_000_000_000 + np.rint(t * 1e9).astype(np.int64)
-    return [(int(stamps[k]), gyro[k], accel[k]) for k in range(n)]
+    return list(zip(stamps.tolist(), gyro, accel, strict=True))
 
 
 def write_bag1(path: Path, messages: list[Message]) -> Path:
@@ -76,11 +73,3 @@ def write_checked_mcap(path: Path, messages: list[Message]) -> Path:
         place += 9 + length
     file.write_bytes(data)
     return file
-
-
-BAGS: dict[str, Callable[[Path, list[Message]], Path]] = {
-    "rosbag 1": write_bag1,
-    "rosbag 2": write_bag2,
-    "mcap": lambda path, messages: next(write_bag2(path, messages, "MCAP").glob("*.mcap")),
-    "mcap with checksums": write_checked_mcap,
-}

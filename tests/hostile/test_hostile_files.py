@@ -15,18 +15,14 @@ from contextlib import closing
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
-from bags import BAGS, messages
 from corpus_recordings import MARK, RECORDINGS, SAVED, SETTINGS, capture, table
-from hostile_input import Hostile, file, go_through, little_memory, printable, rows
-from logs import COMBINED, DataFlash, ulog
-from paths import ROOT
-from tables import csv, options, read, truth
+from hostile_input import Hostile, file, go_through, little_memory, rows
+from recordings import IN_PROCESS, WRITERS, text
+from tables import options, read, truth
 
 from imumon.api.replay_options import ReplayOptions
 from imumon.checkpoint import Checkpoint, StateError, encode
-from imumon.config import ConfigError, load
 from imumon.history.store import HistoryError, HistoryStore
 from imumon.model.errors import ImumonError
 from imumon.model.report import Event
@@ -38,17 +34,6 @@ from imumon.sources.files.recording import Recording
 @pytest.mark.parametrize("hostile", rows((*RECORDINGS, *SETTINGS, *SAVED)))
 def test_a_hostile_file_does_what_the_corpus_says(hostile: Hostile, tmp_path: Path) -> None:
     go_through(hostile, tmp_path)
-
-
-def test_damaged_settings_are_faults_or_are_read(tmp_path: Path) -> None:
-    data = (ROOT / "config.toml").read_bytes()
-    path = tmp_path / "config.toml"
-    for seed in range(150):
-        path.write_bytes(damaged(random.Random(seed), data))
-        try:
-            load(path)
-        except ConfigError as error:
-            printable(str(error))
 
 
 # ---------------------------------------------------------------------- more than one file or process
@@ -127,14 +112,13 @@ def read_samples(path: Path) -> tuple[int, Recording]:
 def test_a_number_of_no_sensor_is_no_sample(beyond: float, tmp_path: Path) -> None:
     t, gyro, accel = truth(300)
     gyro[100, 1] = beyond
-    names = ["time [s]", *(f"gyro_{a} [rad/s]" for a in "xyz"), *(f"accel_{a} [m/s2]" for a in "xyz")]
-    samples, recording = read_samples(csv(tmp_path / "a.csv", names, t, *gyro.T, *accel.T))
+    samples, recording = read_samples(text(tmp_path / "a.csv", (t, gyro, accel)))
     assert (samples, recording.bad_checksums) == (299, 1)
     assert any("of no sensor" in remark for remark in recording.remarks)
 
 
 def test_bytes_between_the_messages_of_a_log_are_remarked(tmp_path: Path) -> None:
-    path = SAMPLES["ardupilot"](tmp_path)
+    path = sample("a.BIN", tmp_path)
     whole, recording = read_samples(path)
     assert recording.problem is None
     data = path.read_bytes()
@@ -185,68 +169,12 @@ def two_parts(place: Path) -> Path:
     return path
 
 
-def small_archive(place: Path) -> Path:
-    t, gyro, accel = truth(300)
-    np.savez_compressed(place / "a.npz", t=t, gyro=gyro, accel=accel)
-    return place / "a.npz"
-
-
-def matlab(place: Path) -> Path:
-    from scipy.io import savemat
-
-    t, gyro, accel = truth(300)
-    savemat(place / "a.mat", {"t": t, "gyro": gyro, "accel": accel}, do_compression=True)
-    return place / "a.mat"
-
-
-def parquet(place: Path) -> Path:
-    pyarrow = pytest.importorskip("pyarrow", reason="pyarrow is not installed (extra parquet)")
-    from pyarrow.parquet import write_table
-
-    t, gyro, accel = truth(300)
-    named = {f"{name}_{axis}": values[:, k] for name, values in (("gyro", gyro), ("accel", accel))
-             for k, axis in enumerate("xyz")}  # fmt: skip
-    write_table(pyarrow.table({"t": t, **named}), place / "a.parquet", write_page_checksum=True)
-    return place / "a.parquet"
-
-
-def small_bag(kind: str) -> Callable[[Path], Path]:
-    def write(place: Path) -> Path:
-        path = BAGS[kind](place / "bag", messages(40))
-        return next(path.glob("*.db3")) if path.is_dir() else path
-
-    return write
-
-
-def px4(place: Path) -> Path:
-    pytest.importorskip("pyulog", reason="pyulog is not installed (extra px4)")
-    _, gyro, accel = truth(500)
-    rows = [(10**7 + 4000 * k, *gyro[k], 4000, *accel[k], 4000) for k in range(500)]
-    return ulog(place / "a.ulg", [("sensor_combined", 0, COMBINED, rows)])
-
-
-def ardupilot(place: Path) -> Path:
-    pytest.importorskip("pymavlink", reason="pymavlink is not installed (extra ardupilot)")
-    _, gyro, accel = truth(500)
-    log = DataFlash()
-    log.imu(gyro, accel)
-    return log.write(place / "a.BIN")
-
-
-SAMPLES: dict[str, Callable[[Path], Path]] = {
-    "csv": table,
-    "gz": lambda place: table(place, "a.csv.gz"),
-    "npz": small_archive,
-    "mat": matlab,
-    "parquet": parquet,
-    "capture": two_parts,
-    **{kind: small_bag(kind) for kind in BAGS},
-    "px4": px4,
-    "ardupilot": ardupilot,
-}
-"""What writes a small valid recording of each kind into a directory."""
-OWN_PROCESS = {*BAGS, "px4", "ardupilot"}
-"""Kinds that a process of their own reads, which takes a second."""
+def sample(kind: str, place: Path) -> Path:
+    """Write a small valid recording of a kind; return the file that has its samples."""
+    if kind == "capture":
+        return two_parts(place)
+    path = WRITERS[kind](place / kind, truth(40 if kind in IN_PROCESS else 300))
+    return next(file for file in path.iterdir() if file.suffix != ".yaml") if path.is_dir() else path
 
 
 def damaged(rng: random.Random, data: bytes) -> bytes:
@@ -289,7 +217,7 @@ def read_damaged(path: Path, seeds: range) -> None:
 
 
 @pytest.mark.few
-@pytest.mark.parametrize("kind", SAMPLES)
+@pytest.mark.parametrize("kind", [*WRITERS, "capture"])
 def test_a_damaged_recording_is_an_error_or_is_read(tmp_path: Path, kind: str) -> None:
     with little_memory(2 << 30):
-        read_damaged(SAMPLES[kind](tmp_path), range(2 if kind in OWN_PROCESS else 30))
+        read_damaged(sample(kind, tmp_path), range(2 if kind in IN_PROCESS else 30))
