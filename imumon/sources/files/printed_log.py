@@ -66,7 +66,7 @@ TOO_LONG_BYTES = b"\xed\xbf\xbf"
 MISSING = {"", "nan", "na", "n/a", "null", "none", "-"}
 """Contents of a cell without a number."""
 
-_N = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+|[dD][-+]\d+)?"
+_N = r"[-+]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][-+]?\d+|[dD][-+]\d+)?"  # one way to match: a row has many
 _VOID = r"[-+]?(?:nan|NaN|NAN|null|None|inf|Infinity)"
 _STAMP = (
     r"(?:\d{4}[-/.]\d{1,2}[-/.]\d{1,2}[T ]+|\d{1,2}[-/.](?:\d{1,2}|[A-Za-z]{3})[-/.]\d{4}[T ,]+)?"

@@ -175,6 +175,13 @@ def test_rows_of_several_sensors_are_chosen_by_their_code(tmp_path: Path, sensor
     assert recording.ledger["other_sensor"] == 400
 
 
+def test_a_row_that_ends_early_costs_no_more_than_others() -> None:
+    """Each number of many digits could be split in many ways, and a row of them in the product of all."""
+    row = "v " + ", ".join([str(10**19 + 7)] * 9)
+    table = tables(f"{row}\n" * 20 + f"{row[:-1]}x\n" + f"{row}\n" * 20)[0]
+    assert len(table.rows) == 40
+
+
 HOSTILE: dict[str, Callable[[], bytes]] = {
     "a million columns": lambda: b"a," * 10**6 + b"\n" + b"1," * 10**6 + b"\n",
     "a line without end": lambda: b"1,2,3," * 10**6,
