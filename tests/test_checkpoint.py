@@ -94,8 +94,11 @@ def test_a_wrong_byte_anywhere_is_detected() -> None:
                 assert str(caught.value).isprintable()
 
 
-def test_two_daemons_cannot_use_the_same_state(tmp_path: Path) -> None:
+def test_two_daemons_cannot_use_the_same_state_and_only_its_owner_can_lock_it(tmp_path: Path) -> None:
+    """Who may read a lock file may lock it, and the daemon would not start."""
+    (tmp_path / "d.lock").touch(0o644)
     first = Checkpoint(tmp_path, "d")
+    assert (tmp_path / "d.lock").stat().st_mode & 0o077 == 0
     with pytest.raises(StateError) as caught:
         Checkpoint(tmp_path, "d")
     assert caught.value.code == "state_locked"

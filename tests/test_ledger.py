@@ -70,14 +70,6 @@ def test_every_line_of_a_table_is_in_its_ledger(tmp_path: Path) -> None:
     }
 
 
-def test_rows_that_the_reader_of_blocks_takes_are_counted_alike(tmp_path: Path) -> None:
-    path = tmp_path / "a.csv"
-    lines = table(path, 40_000)  # more than a block
-    lines[35_000:35_000] = ["", ""]
-    path.write_text("\n".join(lines) + "\n")
-    assert ledger(path) == {"received": 40_003, "samples": 40_000, "header": 1, "blank": 2}
-
-
 def test_stamps_that_their_neighbours_refute_are_counted() -> None:
     """Of 2,000 lines, every second one has a time that is far off: no sample is lost without a count."""
     rng = np.random.default_rng(1)
@@ -138,15 +130,6 @@ def test_lines_of_every_kind_are_counted() -> None:
         "received": 10, "header": 1, "comment": 1, "blank": 1, "not_numbers": 1, "wrong_columns": 1,
         "not_finite": 1, "start": 1, "pending": 1,
     }  # fmt: skip
-
-
-def test_a_sample_of_several_lines_has_parts() -> None:
-    rows = np.random.default_rng(0).normal(0.0, 1e-3, (50, 3))
-    text = b"".join(b"gx: %.5f, gy: %.5f, gz: %.5f\nax: 0.1, ay: 0.2, az: 9.8\n" % tuple(row) for row in rows)
-    decoder = LineDecoder({"accept": ""})
-    samples = sum(len(block) for block in [*decoder.feed(text), *decoder.finish()])
-    assert imbalance(merged(decoder.ledger, {"samples": samples})) == 0
-    assert decoder.ledger["part"] == samples == 50
 
 
 @pytest.mark.usefixtures("log_in_thread")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import fcntl
 import json
 import os
 import random
@@ -22,7 +21,7 @@ from recordings import IN_PROCESS, WRITERS, text
 from tables import options, read, truth
 
 from imumon.api.replay_options import ReplayOptions
-from imumon.checkpoint import Checkpoint, StateError, encode
+from imumon.checkpoint import Checkpoint, encode
 from imumon.history.store import HistoryError, HistoryStore
 from imumon.model.errors import ImumonError
 from imumon.model.report import Event
@@ -86,18 +85,6 @@ def test_what_is_no_state_is_set_aside_and_replaced(kind: str, name: str, tmp_pa
     assert checkpoint.failed is None
     assert Checkpoint(tmp_path, "d").load()[0] is not None
     assert (tmp_path / "target").read_bytes() == encode(STATE)
-
-
-def test_only_the_owner_can_lock_the_state(tmp_path: Path) -> None:
-    """Who may read a lock file may lock it, and the daemon would not start."""
-    (tmp_path / "d.lock").touch(0o644)
-    checkpoint = Checkpoint(tmp_path, "d")
-    assert (tmp_path / "d.lock").stat().st_mode & 0o077 == 0
-    with pytest.raises(StateError, match="another imumon"):
-        Checkpoint(tmp_path, "d")
-    checkpoint.close()
-    with open(tmp_path / "d.lock") as lock:
-        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
 
 
 # ---------------------------------------- damage that no checksum shows

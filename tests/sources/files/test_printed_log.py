@@ -158,23 +158,6 @@ def test_hexadecimal_numbers_are_named_as_the_fault(tmp_path: Path, row: str) ->
     assert "decimal" in error.value.cure
 
 
-@pytest.mark.parametrize("sensor", ["1", "4"])
-def test_rows_of_several_sensors_are_chosen_by_their_code(tmp_path: Path, sensor: str) -> None:
-    path = tmp_path / "a.csv"
-    rows = [
-        f"1,{10**7 * k},{a},{b},{c}\n4,{10**7 * k + 50},{x},{y},{z}\n"
-        for k, (_, x, y, z, a, b, c) in enumerate(ROWS)
-    ]
-    path.write_text("sensor,time_ns,x,y,z\n" + "".join(rows))
-    with pytest.raises(ImumonError) as unclear:
-        list(open_recording(str(path), ReadOptions()))
-    assert unclear.value.code == "columns_unclear"
-    recording = open_recording(str(path), ReadOptions(where={"sensor": sensor}, accept=True))
-    blocks = [block for some in recording for block in some]
-    assert blocks[0].stream.channels[0] == {"1": "accel/x", "4": "gyro/x"}[sensor]
-    assert recording.ledger["other_sensor"] == 400
-
-
 def test_a_row_that_ends_early_costs_no_more_than_others() -> None:
     """Each number of many digits could be split in many ways, and a row of them in the product of all."""
     row = "v " + ", ".join([str(10**19 + 7)] * 9)

@@ -31,11 +31,6 @@ def test_a_counter_that_wraps_continues(bits: int, unit: str, tmp_path: Path) ->
     assert f"the counter t [{unit}] wraps" in remarks
 
 
-def test_a_rate_that_a_comment_states_stands_in_for_a_time(tmp_path: Path) -> None:
-    report, _ = replayed(table(tmp_path / "a.csv", [], preamble=STATED))
-    assert report.device.sample_rate_hz == 100.0
-
-
 def test_of_two_times_the_one_with_the_stated_rate_is_the_clock(tmp_path: Path) -> None:
     ticks = np.arange(N) * 1.0
     path = table(tmp_path / "a.csv", ["t", "stamp"], ticks, 10.0 * ticks, preamble=STATED)
@@ -62,24 +57,6 @@ def test_stamps_before_the_clock_is_set_are_no_years_of_missing_samples(tmp_path
     report, remarks = replayed(table(tmp_path / "a.csv", ["t [ms]"], times))
     assert (report.session.samples, report.session.missing) == (N - 500, 0)
     assert "is 0 in rows before its clock was set" in remarks
-
-
-def test_the_table_of_rostopic_is_read(tmp_path: Path) -> None:
-    stamps = 1_700_000_000_000_000_000 + np.arange(N) * 10_000_000
-    names = [
-        "%time", "field.header.seq", "field.header.stamp",
-        *(f"field.angular_velocity.{a}" for a in "xyz"), *(f"field.linear_acceleration.{a}" for a in "xyz"),
-    ]  # fmt: skip
-    _, gyro, accel = truth(N)
-    rows = [
-        ",".join(map(repr, (int(s) + 70, k, int(s), *map(float, (*gyro[k], *accel[k])))))
-        for k, s in enumerate(stamps)
-    ]
-    path = tmp_path / "a.csv"
-    path.write_text("\n".join([",".join(names), *rows, ""]))
-    report, _ = replayed(path)
-    assert (report.session.samples, report.device.sample_rate_hz) == (N, 100.0)
-    assert report.session.ledger["header"] == 1
 
 
 def test_t_in_degrees_is_a_temperature(tmp_path: Path) -> None:

@@ -6,7 +6,6 @@ import importlib.util
 import json
 import subprocess
 import sys
-import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -22,7 +21,7 @@ from ros2_messages import samples
 from waiting import until
 
 from imumon.config import Settings
-from imumon.model.samples import Item, SampleBlock
+from imumon.model.samples import Item
 from imumon.ros2.node import Publication
 from imumon.ros2.ros_messages import IMU, type_hash
 from imumon.ros2.topic_url import open_node, parse_url
@@ -52,14 +51,6 @@ def device(url: str) -> Device:
     return registry.driver("ros2").create(DeviceOptions(url=url, settings=given.device, table=given.ros2))
 
 
-def read_until(made: Device, count: int, seconds: float = 60.0) -> list[Item]:
-    items: list[Item] = []
-    end = time.monotonic() + seconds
-    while time.monotonic() < end and sum(len(i) for i in items if isinstance(i, SampleBlock)) < count:
-        items += made.read(0.1)
-    return items
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize(
     "options",
@@ -71,22 +62,9 @@ def test_other_systems_are_read_too(options: dict[str, object]) -> None:
     with system(**options) as (endpoint, _):
         made = device(f"ros2:/imu/data?router={endpoint}&domain={options.get('domain', 0)}")
         made.open()
-        assert len(samples(read_until(made, 100))) >= 100
+        items: list[Item] = []
+        until(lambda: items.extend(made.read(0.1)) or made.counters.messages >= 100)
         made.close()
-
-
-def test_counters_add_up_over_losses() -> None:
-    with system() as (endpoint, driver):
-        made = device(f"ros2:/imu/data?router={endpoint}")
-        made.open()
-        read_until(made, 200)
-        driver.drop = 7
-        until(lambda: made.read(0.1) is not None and made.counters.overruns)
-        read_until(made, 300)
-        made.close()
-    assert made.counters.overruns == 1
-    assert made.counters.messages >= 500
-    assert made.counters.bad_checksums == 0
 
 
 def test_the_daemon_waits_for_the_topic_and_follows_its_driver(tmp_path: Path) -> None:
