@@ -4,12 +4,10 @@ from __future__ import annotations
 
 import os
 import random
-import threading
-import tty
-from collections.abc import Iterator
-from contextlib import contextmanager, suppress
 from functools import reduce
 from operator import xor
+
+from emulated_sensor import EmulatedSensor
 
 RATE_HZ = 10
 
@@ -27,27 +25,15 @@ def message(kind: str, number: int) -> bytes:
     return f"${body}*{reduce(xor, body.encode()):02X}\r\n".encode()
 
 
-@contextmanager
-def on_a_terminal(kind: str) -> Iterator[str]:
-    """Yield the path of a terminal on which the device sends."""
-    master, slave = os.openpty()
-    tty.setraw(slave)
-    os.set_blocking(master, False)
-    ended = threading.Event()
+class ForeignDevice(EmulatedSensor):
+    """One of them on a terminal."""
 
-    def send() -> None:
-        number = 0
-        while not ended.wait(1.0 / RATE_HZ):
-            with suppress(BlockingIOError):  # nobody reads: it is lost
-                os.write(master, message(kind, number))
-            number += 1
+    rate_hz = RATE_HZ
 
-    sender = threading.Thread(target=send)
-    sender.start()
-    try:
-        yield os.ttyname(slave)
-    finally:
-        ended.set()
-        sender.join()
-        os.close(master)
-        os.close(slave)
+    def __init__(self, kind: str) -> None:
+        self._kind = kind
+        super().__init__()
+
+    def step(self) -> None:
+        for number in self.due():
+            os.write(self._master or 0, message(self._kind, number))

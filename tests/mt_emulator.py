@@ -5,14 +5,13 @@ from __future__ import annotations
 import math
 import os
 import struct
-import threading
 import time
-import tty
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
+from emulated_sensor import EmulatedSensor
 
 from imumon.model.units import STANDARD_GRAVITY
 from imumon.sources.xsens.mt_decoder import COUNTER, TICKS, MtDecoder
@@ -32,22 +31,18 @@ TEMPERATURE = 31.5
 """degC."""
 FACTORY = bytes.fromhex("1020ffff1060ffff2010006440200064802000640810000ae020ffff")
 """Output configuration before anybody changes it: point samples and an orientation at 100 Hz."""
-PERIOD_S = 0.005
-"""s between two turns of its loop."""
 
 
-class MtEmulator:
-    """An MTi that runs in a thread.
+class MtEmulator(EmulatedSensor):
+    """An MTi.
 
     Parameters
     ----------
-    link : symbolic link to its terminal; None: there is none.
     seed : of the noise.
     configuration : output configuration at the start.
 
     Attributes
     ----------
-    path : of the terminal, or the link.
     configuration : that it has now.
     measuring : it is in the measurement state.
     """
@@ -61,72 +56,23 @@ class MtEmulator:
             bytes.fromhex("037003F8"),
             bytes((1, 8, 2)),
         )
-        self._link, self._random = link, np.random.default_rng(seed)
-        self._lock, self._ending = threading.Lock(), threading.Event()
-        self._master: int | None = None
-        self._begin, self._sent = time.monotonic(), 0  # packets since the beginning
-        self._hidden, self._received = 0, MtDecoder()
-        self.path = ""
-        self.replug()
-        self._thread = threading.Thread(target=self._run, name="mti-emulator", daemon=True)
-        self._thread.start()
-
-    def __enter__(self) -> MtEmulator:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._ending.set()
-        self._thread.join()
-        self.unplug()
-
-    def replug(self) -> None:
-        """Open a terminal."""
-        with self._lock:
-            self._master, slave = os.openpty()
-            tty.setraw(slave)
-            os.set_blocking(self._master, False)
-            self.path = os.ttyname(slave)
-            os.close(slave)
-            if self._link is not None:
-                self._link.symlink_to(self.path)
-                self.path = str(self._link)
-
-    def unplug(self) -> None:
-        """Hang up."""
-        with self._lock:
-            if self._master is not None:
-                os.close(self._master)
-                if self._link is not None:
-                    self._link.unlink()
-            self._master = None
-
-    def lose_samples(self, count: int = 9) -> None:
-        """Let some messages be lost."""
-        self._hidden = count
+        self._random, self._received = np.random.default_rng(seed), MtDecoder()
+        super().__init__(link)
 
     @property
-    def rate_hz(self) -> int:
+    def rate_hz(self) -> int:  # type: ignore[override]
         """Rate of the messages: that of the fastest field."""
         return max((rate for _, rate in outputs(self.configuration) if rate < EVERY_PACKET), default=0)
 
-    def _run(self) -> None:
-        while not self._ending.wait(PERIOD_S):
-            with self._lock, suppress(OSError):
-                self._step()
-
-    def _step(self) -> None:
-        due = int((time.monotonic() - self._begin) * self.rate_hz)
-        first, self._sent = min(self._sent, due), due  # of a terminal without a reader, they are lost
+    def step(self) -> None:
+        numbers = self.due()
         if self._master is None:
             return
         with suppress(BlockingIOError):
             for item in self._received.feed(os.read(self._master, 4096)):
                 if isinstance(item, Message):
                     os.write(self._master, self._reply(item))
-        for k in range(first, due) if self.measuring else ():
-            if self._hidden:
-                self._hidden -= 1
-                continue
+        for k in numbers if self.measuring else ():
             os.write(self._master, encode(MessageId.DATA, self._packet(k)))
 
     def _reply(self, message: Message) -> bytes:

@@ -17,7 +17,7 @@ import reports
 from daemons import Daemon
 from fake_device import FakeDriver
 from faulty_sensor import spawn
-from foreign_device import on_a_terminal
+from foreign_device import ForeignDevice
 from free_ports import free_endpoint
 from waiting import until
 
@@ -133,8 +133,8 @@ def test_events_during_the_observation_are_detected(
 
 
 def test_a_foreign_device_is_recognised(case: Case) -> None:
-    with on_a_terminal("nmea") as port:
-        results = by_name(case, port)
+    with ForeignDevice("nmea") as device:
+        results = by_name(case, device.path)
     assert failed(results) == {"sensor"}
     assert "GPGGA" in results["sensor"].text
     assert results["sensor"].cure

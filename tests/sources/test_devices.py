@@ -108,21 +108,18 @@ def vn100(directory: Path, _: str) -> Iterator[Bench]:
 
 @contextmanager
 def lines(directory: Path, transport: str) -> Iterator[Bench]:
-    sender = LineSender(transport, directory)  # type: ignore[arg-type]
     missing = {
         "pty": "lines:/dev/missing",
         "tcp": "lines:tcp://127.0.0.1:1",
         "udp": "lines:udp://192.0.2.1:4000",
     }
     lost = transport != "udp"  # a socket for datagrams does not see that their sender is gone
-    try:
+    with LineSender(transport, directory) as sender:  # type: ignore[arg-type]
         yield Bench(
             driver=registry.driver("lines"), state=directory, url=sender.url, missing_url=missing[transport],
             unplug=sender.unplug if lost else None, replug=sender.replug if lost else None,
             lose_samples=sender.lose_samples,
         )  # fmt: skip
-    finally:
-        sender.close()
 
 
 def test_every_device_of_this_distribution_is_registered_and_has_a_bench() -> None:

@@ -50,20 +50,19 @@ PLAIN = "t_ms,gx,gy,gz,ax,ay,az"
 @pytest.mark.few
 @pytest.mark.parametrize("kind", ["pty", "tcp", "udp"])
 def test_the_daemon_reads_lines_and_loses_none(kind: str, tmp_path: Path) -> None:
-    sender = LineSender(kind, tmp_path)  # type: ignore[arg-type]
-    try:
-        with Daemon(sender.url, tmp_path / "state", "--duration", "60") as daemon:
-            before = daemon.wait(lambda made: made.session.samples > 300).session.samples
-            sender.lose_samples(3)
-            sender.insert(b"half a li\n")
-            made = daemon.wait(lambda made: made.session.samples > before + 500)
-            assert made.device.sample_rate_hz == 200.0
-            assert made.session.missing == 3
-            assert made.session.bad_checksums == 1
-            assert made.device.settings["columns"] == COLUMNS
-            assert "a line is no sample" in " ".join(made.device.remarks)
-    finally:
-        sender.close()
+    with (
+        LineSender(kind, tmp_path) as sender,  # type: ignore[arg-type]
+        Daemon(sender.url, tmp_path / "state") as daemon,
+    ):
+        before = daemon.wait(lambda made: made.session.samples > 300).session.samples
+        sender.lose_samples(3)
+        sender.insert(b"half a li\n")
+        made = daemon.wait(lambda made: made.session.samples > before + 500)
+        assert made.device.sample_rate_hz == 200.0
+        assert made.session.missing == 3
+        assert made.session.bad_checksums == 1
+        assert made.device.settings["columns"] == COLUMNS
+        assert "a line is no sample" in " ".join(made.device.remarks)
 
 
 def sent(sender: socket.socket, port: int, count: int, value: int) -> None:
@@ -199,8 +198,7 @@ def test_a_recording_is_replayed_with_the_same_numbers(tmp_path: Path) -> None:
 
 def test_the_first_line_of_a_port_may_be_half_of_one(tmp_path: Path) -> None:
     """A half line may have all columns: only its first number is short."""
-    sender = LineSender("tcp", tmp_path, rate_hz=1000.0)
-    try:
+    with LineSender("tcp", tmp_path, rate_hz=1000.0) as sender:
         device = driver("lines").create(DeviceOptions(url=sender.url))
         sender.insert(b"2345,1,2,3,4,5,6\n")
         device.open()
@@ -209,8 +207,6 @@ def test_the_first_line_of_a_port_may_be_half_of_one(tmp_path: Path) -> None:
             pass
         assert abs(blocks[0].values).max() < 0.1
         device.close()
-    finally:
-        sender.close()
 
 
 def test_a_header_that_a_server_sends_first_is_used() -> None:
@@ -221,7 +217,6 @@ def test_a_header_that_a_server_sends_first_is_used() -> None:
             with client:
                 client.sendall(b"Booting v1.2\r\ntime_ms,gyro_x_rps,gyro_y_rps,gyro_z_rps,battery\r\n")
                 client.sendall(b"".join(b"%d,%d,2,3,3.7\r\n" % (10 * k, k % 2) for k in range(300)))
-                time.sleep(0.5)
 
         thread = threading.Thread(target=serve)
         thread.start()
@@ -246,9 +241,8 @@ def test_a_wrong_unit_of_the_time_or_a_wrong_rate_is_doubted(
     wrong: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("imumon.sources.port_device.RATE_SHORTEST_S", 1.0)
-    sender = LineSender("pty", tmp_path)
-    try:
-        device = driver("lines").create(DeviceOptions(url=f"lines:{tmp_path / 'board'}?{wrong}"))
+    with LineSender("pty", tmp_path) as sender:
+        device = driver("lines").create(DeviceOptions(url=f"lines:{sender.path}?{wrong}"))
         device.open()
         device.start()
         told = "the time of the lines advances by" if "t_ms" in wrong else "not at the configured 50 Hz"
@@ -257,16 +251,13 @@ def test_a_wrong_unit_of_the_time_or_a_wrong_rate_is_doubted(
         if "t_ms" in wrong:
             assert any("check its unit in the URL" in remark for remark in device.info().remarks)
         device.close()
-    finally:
-        sender.close()
 
 
 def test_a_full_queue_does_not_join_two_halves(tmp_path: Path) -> None:
-    sender = LineSender("pty", tmp_path, rate_hz=5000.0)
-    try:
-        with SerialPort(str(tmp_path / "board"), queue_bytes=2000, mark=b"\n?") as port:
-            until(lambda: port.dropped_bytes > 0)
-            data = [port.read(0.1)]
-            until(lambda: data.append(port.read(0.1)) or b"\n?" in b"".join(data))
-    finally:
-        sender.close()
+    with (
+        LineSender("pty", tmp_path, rate_hz=5000.0) as sender,
+        SerialPort(sender.path, queue_bytes=2000, mark=b"\n?") as port,
+    ):
+        until(lambda: port.dropped_bytes > 0)
+        data = [port.read(0.1)]
+        until(lambda: data.append(port.read(0.1)) or b"\n?" in b"".join(data))
