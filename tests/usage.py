@@ -1,19 +1,15 @@
-"""Memory and processor time of a process, from /proc."""
+"""Memory and processor time of a process."""
 
 from __future__ import annotations
 
-import os
-import re
-from pathlib import Path
+import psutil
 
 
 def resident_kb(pid: int) -> int:
     """Return the resident memory, kB."""
-    found = re.search(r"VmRSS:\s+(\d+)", Path(f"/proc/{pid}/status").read_text())
-    return int(found[1]) if found else 0
+    return int(psutil.Process(pid).memory_info().rss // 1024)
 
 
 def cpu_s(pid: int) -> float:
     """Return the processor time so far, s, user and system."""
-    fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
-    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+    return float(sum(psutil.Process(pid).cpu_times()[:2]))

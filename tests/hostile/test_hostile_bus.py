@@ -58,10 +58,6 @@ COMMANDS = (
 """Commands beside the crafted reports, with their exit code and a part of what they print."""
 GROWTH_KB = 40_000
 """kB that it may take more during one attack."""
-needs_proc = pytest.mark.skipif(
-    not Path("/proc/self/statm").exists(),
-    reason="there is no /proc, from which the memory of a process is read",
-)
 
 
 @contextmanager
@@ -87,7 +83,6 @@ def command(*arguments: str, timeout: float = 60.0) -> subprocess.CompletedProce
     return done
 
 
-@needs_proc
 @pytest.mark.few
 @pytest.mark.parametrize("way", [attackers.payload, attackers.many, attackers.forge])
 def test_queries_and_messages_take_bounded_memory(way: Callable[..., int]) -> None:

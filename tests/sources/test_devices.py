@@ -130,11 +130,11 @@ def test_every_device_of_this_distribution_is_registered_and_has_a_bench() -> No
 
 
 class BrokenDevice(Device):
-    """A device whose methods fail on request; it notes what is called."""
+    """A device whose methods fail on request, or whose stream ends; it notes what is called."""
 
-    def __init__(self, failing: str) -> None:
+    def __init__(self, failing: str, ends: type[DeviceLost] | None = None) -> None:
         super().__init__()
-        self.failing, self.calls = failing, list[str]()
+        self.failing, self.ends, self.calls = failing, ends, list[str]()
 
     def _call(self, name: str) -> None:
         self.calls.append(name)
@@ -155,6 +155,9 @@ class BrokenDevice(Device):
         return self.info()
 
     def read(self, timeout_s: float) -> list[Item]:
+        if self.ends is not None:
+            self._call("read")
+            raise self.ends("short", "that was all", "start it again")
         if timeout_s > 0.0:
             if self.failing == "read":
                 self._call("read")
@@ -165,7 +168,7 @@ class BrokenDevice(Device):
 
     def finish(self) -> list[Item]:
         self._call("finish")
-        return []
+        return [Gap(None)]
 
     @property
     def counters(self) -> DeviceCounters:
@@ -182,24 +185,32 @@ class BrokenDevice(Device):
         self._call("close")
 
 
+def up_to(reader: DeviceReader, kind: type) -> list[object]:
+    """Return the events up to the first of a kind; the device begins when it is open."""
+    events: list[object] = []
+
+    def has_come() -> bool:
+        event = reader.get(0.1)
+        events.extend([] if event is None else [event])
+        if isinstance(event, Opened):
+            reader.begin()
+        return isinstance(event, kind)
+
+    until(has_come)
+    return events
+
+
 @pytest.mark.parametrize("failing", ["read", "rest", "finish", "restore", "close"])
 def test_a_device_is_restored_and_closed_whatever_fails(failing: str) -> None:
     device = BrokenDevice(failing)
     reader = DeviceReader(device)
     reader.start()
-    events: list[object] = []
-    end = time.monotonic() + 60.0
-    while not (events and isinstance(events[-1], EndOfStream)) and time.monotonic() < end:
-        event = reader.get(0.05)
-        events += [] if event is None else [event]
-        if isinstance(event, Opened):
-            reader.begin()
-        if isinstance(event, Started) and failing != "read":
-            reader.stop()
-    assert isinstance(events[-1], EndOfStream)
+    if failing != "read":
+        up_to(reader, Started)
+        reader.stop()
+    end = up_to(reader, EndOfStream)[-1]
     if failing in ("read", "rest", "finish"):
-        assert isinstance(events[-1].error, DeviceError)
-        assert events[-1].error.code == "device_failed"
+        assert (type(end.error), end.error.code) == (DeviceError, "device_failed")  # type: ignore[attr-defined]
     reader.stop(discard=True)  # what the daemon does with an error: it must not interrupt the restoring
     assert reader.join(60.0)
     assert device.calls[-2:] == ["restore", "close"]
@@ -211,11 +222,7 @@ def test_a_failed_start_is_restored_before_the_next_try(monkeypatch: pytest.Monk
     device = BrokenDevice("start")
     reader = DeviceReader(device)
     reader.start()
-    for event in iter(lambda: reader.get(5.0), None):
-        if isinstance(event, Opened):
-            reader.begin()
-        if isinstance(event, Started):
-            break
+    up_to(reader, Started)
     assert device.calls == ["start", "restore", "close", "start"]
     reader.stop(discard=True)
     assert reader.join(60.0)
@@ -228,49 +235,20 @@ def test_a_full_queue_holds_the_reader_and_the_run_can_still_end(
     monkeypatch.setattr("imumon.sources.device_reader.BATCHES", 2)
     reader = DeviceReader(FakeDriver().create(DeviceOptions(url=f"fake:{tmp_path / 'plug'}")))
     reader.start()
-    end = time.monotonic() + 60.0
-    while not isinstance(reader.get(1.0), Opened):
-        assert time.monotonic() < end
-    reader.begin()
-    while not isinstance(reader.get(1.0), Started):
-        assert time.monotonic() < end
+    up_to(reader, Started)
     until(reader._queue.full)
     reader.stop(discard=True)
     assert reader.join(60.0)
     assert reader.restored is True
 
 
-class ShortDevice(BrokenDevice):
-    """A device whose stream has some items and then ends, or is lost."""
-
-    def __init__(self, end: type[DeviceLost]) -> None:
-        super().__init__("")
-        self.end = end
-
-    def read(self, timeout_s: float) -> list[Item]:
-        self._call("read")
-        raise self.end("short", "that was all", "start it again")
-
-    def finish(self) -> list[Item]:
-        self._call("finish")
-        return [Gap(None)]
-
-    def close(self) -> None:
-        self._call("close")
-
-
 def test_the_end_of_a_stream_ends_the_reader_behind_what_was_held_back() -> None:
-    device = ShortDevice(DeviceEnded)
+    device = BrokenDevice("", DeviceEnded)
     reader = DeviceReader(device)
     reader.start()
-    events = []
-    while not reader.ended:
-        event = reader.get(5.0)
-        assert event is not None
-        reader.begin()
-        events.append(event)
+    events = up_to(reader, EndOfStream)
     assert [type(event) for event in events] == [Opened, Started, Items, EndOfStream]
-    assert isinstance(events[-1].error, DeviceEnded)
+    assert isinstance(events[-1].error, DeviceEnded)  # type: ignore[attr-defined]
     assert reader.join(60.0)
     assert device.calls == ["start", "read", "finish", "restore", "close"]
 
@@ -278,7 +256,7 @@ def test_the_end_of_a_stream_ends_the_reader_behind_what_was_held_back() -> None
 def test_a_device_that_is_lost_again_at_once_is_opened_ever_less_often(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    reader, wait, waits = DeviceReader(ShortDevice(DeviceLost)), DeviceReader._wait, list[float]()
+    reader, wait, waits = DeviceReader(BrokenDevice("", DeviceLost)), DeviceReader._wait, list[float]()
 
     def no_wait(self: DeviceReader, seconds: float | None) -> None:
         waits.extend([] if seconds is None else [self._retry_s])
@@ -286,8 +264,7 @@ def test_a_device_that_is_lost_again_at_once_is_opened_ever_less_often(
 
     monkeypatch.setattr(DeviceReader, "_wait", no_wait)
     reader.start()
-    until(lambda: isinstance(reader.get(0.1), Opened))
-    reader.begin()
+    up_to(reader, Opened)
     until(lambda: reader.get(0.0) and len(waits) >= 7)
     reader.stop(discard=True)
     assert reader.join(60.0)
