@@ -22,6 +22,7 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from importlib import import_module
 from itertools import groupby
 from pathlib import Path
+from tempfile import TemporaryFile
 from typing import Any, NamedTuple
 
 import forked
@@ -29,6 +30,7 @@ import pytest
 from daemons import Daemon
 from free_ports import free_endpoint
 from paths import ROOT
+from tables import sentences
 
 import imumon
 from imumon.cli import parsers
@@ -84,16 +86,7 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Place]:
     home = {"HOME": str(directory), "XDG_STATE_HOME": str(directory / "state")}
     path = f"{directory / 'bin'}:{Path(sys.executable).parent}:{os.environ['PATH']}"
     environment = {**os.environ, **home, "PATH": path}
-    lines = []
-    for number in range(400):  # $VNYMR at rest, with a little noise
-        noise = (number * 2654435761 % 1000) / 1e6
-        body = f"VNYMR,+000.000,+000.000,+000.000,+01.0000,+00.0000,+01.8000,+00.000,{noise:+07.3f},"
-        body += f"-09.80{number * 7919 % 10},{noise:+010.6f},{-noise:+010.6f},{noise / 2:+010.6f}"
-        check = 0
-        for letter in body.encode():
-            check ^= letter
-        lines.append(f"${body}*{check:02X}\r\n")
-    (directory / "imu.vnymr.txt").write_text("".join(lines), newline="")
+    (directory / "imu.vnymr.txt").write_text("".join(f"{line}\r\n" for line in sentences(400)[1]), newline="")
     words = ("sim", directory / "state", "--seed", "1", "--speed")
     with Daemon(*words, "50", "--record", str(directory / "recording.bin")) as fast:
         fast.samples(2000)
@@ -207,21 +200,22 @@ def test_the_installed_command_runs(place: Place) -> None:
 def test_a_program_runs(block: Block, place: Place) -> None:
     code = block.text.replace("tcp/127.0.0.1:7448", place.endpoint)
     code = code.replace("Subscriber()", f"Subscriber([{place.endpoint!r}])")
-    process = subprocess.Popen(
-        [sys.executable, "-u", "-c", code],
-        cwd=place.directory,
-        env=place.environment,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-    )
-    try:
-        line = process.stdout.readline()  # a subscriber does not end: its first line is enough
-    finally:
+    name = f"program_{BLOCKS.index(block)}"
+    code = f"import sys\nsys.stdout.reconfigure(line_buffering=True)\n{code}"
+    (place.directory / f"{name}.py").write_text(code)
+    path = {**place.environment, "PYTHONPATH": str(place.directory)}
+    out, out_end = os.pipe()
+    with open(os.devnull) as nothing, open(out) as lines, TemporaryFile() as errors:
+        streams = (nothing.fileno(), out_end, errors.fileno())
+        process = forked.Forked([], streams, place.directory, path, module=name)
+        os.close(out_end)
+        line = lines.readline()  # a subscriber does not end: its first line is enough
         process.kill()
-        _, errors = process.communicate()
-    assert line.strip(), errors
-    assert "Traceback" not in errors
+        process.wait()
+        errors.seek(0)
+        said = errors.read().decode()
+    assert line.strip(), said
+    assert "Traceback" not in said
 
 
 def unknown_options(text: str) -> Iterator[str]:
