@@ -11,8 +11,7 @@ from pathlib import Path
 
 import pytest
 from daemons import Daemon
-from metrics_viewer import MetricsViewer
-from scraping import scraped, values
+from metrics_viewer import MetricsViewer, scraped, values
 from usage import resident_kb
 
 from imumon.bus import Subscriber
