@@ -109,17 +109,13 @@ LEAST_TAIL_FRAMES = 10
 Otherwise: bit errors of nine deviations, of which a tenth falls short of the limit, count as noise by chance. Origin:
 with a share of a tenth, 33 outliers have ten such frames in 0.2 % of records (`sample_errors.py`).
 """
-KNOCK_RUN = 3
-"""This many outliers in a row, or nearly, are a knock where outliers are rare. Unit: samples.
+KNOCK_SAMPLES = 3
+"""This many outliers in a row, or nearly, are a knock where outliers are rare; so are those of gyroscope and
+accelerometer within as many, unless both have many. Unit: samples.
 
-Otherwise: a knock is excluded sample by sample, without margins and on one sensor. Origin: a bit error changes no
-three samples in a row (`test_guard.py`).
-"""
-COINCIDENCE_SAMPLES = 3
-"""Outliers of gyroscope and accelerometer within this are a knock, unless both have many. Unit: samples.
-
-Otherwise: a short knock of both sensors is two outliers, and its ringing stays. Origin: one sample to each side: the
-filters of the two sensors delay by different times (`test_outliers.py`).
+Otherwise: a knock is excluded sample by sample, without margins and on one sensor, and the ringing of a short one
+stays. Origin: a bit error changes no three samples in a row (`test_guard.py`); the filters of two sensors delay by
+different times, a sample to each side (`test_outliers.py`).
 """
 
 
@@ -175,7 +171,7 @@ class OutlierDetector:
         # An axis that is far makes its sensor far: a transmission error changes one axis or all of them.
         sensors = [far[members].any(axis=0).reshape(-1) for members in self._members]
         for sensor_far, share in zip(sensors, shares.tolist(), strict=True):
-            run = run_beyond_chance(share, KNOCK_RUN)
+            run = run_beyond_chance(share, KNOCK_SAMPLES)
             # A ringing knock crosses zero, so that only every other sample of a run is far. Sums of zeros and ones
             # are whole numbers, so half a sample below decides like "at least".
             window = np.ones(min(2 * run - 1, len(sensor_far)))
@@ -190,13 +186,13 @@ class OutlierDetector:
         ----------
         shares : (sensors,) share of samples with an outlier so far.
         """
-        window = np.ones(COINCIDENCE_SAMPLES)
+        window = np.ones(KNOCK_SAMPLES)
         near = np.logical_and.reduce([np.convolve(far, window, "same") > 0.5 for far in sensors])
         # By chance, a sample is near to outliers of both sensors with (3 q1)(3 q2) = 9 q1 q2. The square of 3 on each
         # share makes 81 q1 q2, because one pair in the same sample is near in three samples and enters
         # below with the third power: it is a knock while both shares are below 0.12 %; a pair of neighbours, near in
         # two, below 0.012 %. Where a sensor had no outlier before, any pair is one.
-        chance = float(np.prod(np.minimum(COINCIDENCE_SAMPLES**2 * shares, 1.0)))
+        chance = float(np.prod(np.minimum(KNOCK_SAMPLES**2 * shares, 1.0)))
         return bool(near.any()) and (chance <= 0.0 or chance ** int(near.sum()) < UNUSUAL_CHANCE)
 
     def count(self, outliers: Bools | None, frames: int) -> None:

@@ -63,14 +63,8 @@ from imumon.noise.fit.observations import (
 )
 from imumon.noise.fit.slow_terms import SlowTerms, SlowTermSearch
 from imumon.noise.noise_sums import NoiseSums
-from imumon.noise.validity_groups import ROUNDING, ROUNDING_VARIANCE
+from imumon.noise.validity_groups import DITHERED, ROUNDING, ROUNDING_VARIANCE
 
-INDEPENDENT_COUNTS = 0.5
-"""The errors of rounding are independent from here on. Unit: counts of noise between two samples.
-
-Otherwise: errors that move together count as white, and limits of N are wrong. Origin: errors s counts of noise apart
-have the correlation exp(-2 pi^2 s^2), 0.7 % here; with 0.4 counts, upper limits of N miss in 8 % of records.
-"""
 REJECT_P = 1e-3
 """The bands reject an upper end of the spectrum, and the next one is tried. Unit: probability.
 
@@ -86,7 +80,8 @@ below the ripple of the filters in sensors (`real_effects.py`).
 """
 MOST_ERROR = 0.3
 """Beyond it, the model does not describe the channel and no coefficient is stated; N counts as shown with a
-relative error of N^2 up to it. Unit: relative error.
+relative error of N^2 up to it; and a density that leaves the shape of filters by more is behind none (`_levels`). Unit:
+relative error.
 
 Otherwise: coefficients with limits are stated for a vibrating platform. Origin: an error of 30 % in every band makes
 limits of N of 15 %: no user calls this a measurement of noise.
@@ -97,15 +92,6 @@ WINDOWS = (2, 3, 4, 5, 6, 8, 10, 12, 16)
 Otherwise: its spectrum is fitted as a low-pass, and octaves are left out that show N. Origin: lengths that sensors
 have: VN-100 and ADIS16405 powers of two, others divisors of their rates (`real_effects.py`).
 """
-SLOWER = 0.8
-"""No filter explains an upper end that falls to less than this before a low-pass of first order has; see
-`ModelSearch._levels`. Unit: of its density.
-
-Otherwise: of 1/sqrt(f) noise, N is stated some octaves below its top, blamed on a filter. Origin: 1 dB; filters of
-simulated and real sensors are above 0.95, noise of this kind below 0.65 (`markov.py`).
-"""
-BAND_MIDDLE = 0.8
-"""A band of the spectrum is left out by the frequency in its middle. Unit: of its upper end."""
 INSTEAD_GAIN = 1.0
 """A walk that Gauss–Markov noise in its place explains better by as much is `indistinct`. Unit: log likelihood.
 
@@ -336,7 +322,7 @@ class ModelSearch:
             # steps are regressors of the block means only: a band that they reach is left out
             counts &= self._step_power <= TOLERANCE * powers.power * powers.bend
             if self._band is not None:
-                counts &= ~self._band.holds(BAND_MIDDLE * powers.top)
+                counts &= ~self._band.holds(powers.top)
             self._spectral[window] = powers.take(counts), counts
         powers, counts = self._spectral[window]
         missing = [term for term in more if term not in powers.expected]
@@ -396,14 +382,15 @@ class ModelSearch:
     def _errors_are_independent(self, upper_end: UpperEnd) -> bool:
         """Return whether rounding to counts is quantisation noise up to the highest frequency in use.
 
-        Errors s counts of noise apart have the correlation exp(-2 pi^2 s^2), up to a sign (Widrow and Kollar 2008).
+        Errors s counts of noise apart have the correlation exp(-2 pi^2 s^2), up to a sign (Widrow and Kollar 2008):
+        0.7 % at `DITHERED`. With 0.4 counts, upper limits of N miss in 8 % of records.
         """
         if not self._count or upper_end.shape is not UpperShape.QUANTISED:
             return True
         power, error = self._fit(upper_end)[1].estimate(WHITE)
         # as much as it may be: with few octaves left, N that is low by chance is no reason to state nothing
         most = (power + LIMIT_95 * error) * 2.0**upper_end.octaves_left_out
-        return most >= (INDEPENDENT_COUNTS * self._count) ** 2
+        return most >= (DITHERED * self._count) ** 2
 
     def _shows_white(self, upper_end: UpperEnd) -> bool:
         """Return whether the white noise still shows with some octaves left out."""
@@ -598,8 +585,9 @@ class ModelSearch:
         first_order = 1.0 / (1.0 + (1.0 / passed[last] - 1.0) * bands.bend / bands.bend[last])
         # from an octave in use on; where a filter has taken half, its lobes and what is added behind it follow
         upper = bands.top > 0.5 * upper_end.highest
-        slower = upper & (passed > 0.5) & (passed < SLOWER * first_order)
-        if not slower.any() and passed[last] < 1.0 / SLOWER:
+        # filters of simulated and real sensors reach 0.95 of it, noise of this kind 0.65 (`markov.py`)
+        slower = upper & (passed > 0.5) & ((1.0 + MOST_ERROR) * passed < first_order)
+        if not slower.any() and passed[last] < 1.0 + MOST_ERROR:
             return None
         return float(passed[upper].min()), float(passed[upper].max())
 

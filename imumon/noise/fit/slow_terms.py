@@ -64,9 +64,13 @@ Otherwise: with single ones only, an oscillation whose period wanders is fitted 
 two of them the test loses little (`real_effects.py`).
 """
 FEWEST_CYCLES = 2
-"""Oscillations with fewer in a segment are none. Unit: cycles.
+"""Oscillations with fewer in a segment are none. A walk that does not show without the coefficients up to here is a
+mean that moves slowly, and they are left out; then twice and four times as many, up to half of those that stay single.
+Unit: cycles, of two coefficients each.
 
-Otherwise: one cycle looks like a random walk, and K is bounded in most records.
+Otherwise: one cycle looks like a random walk, and K is bounded in most records. A mean that rises and falls once by 20
+floors is measured as K in four records of five, and B is too small in one of four; with three cycles, K of three times
+the smallest is lost in 15 % of the records, with two in 12 %. Origin: the least that is an oscillation (`markov.py`).
 """
 FEW_CYCLES = 16
 """Up to here regressors describe an oscillation, beyond its coefficients are left out. Unit: cycles.
@@ -115,16 +119,6 @@ the power of a regressor.
 Otherwise: the temperature, its square and its cube, alike in 48 coefficients, are large numbers of opposite sign.
 Origin: in 562 blocks a step has 0.4, an exponential 0.33 to 0.0005 from a hundredth to a third of the record, a cycle
 0.001 at most.
-"""
-
-
-SLOWEST = 4
-"""A walk that does not show without these lowest coefficients is a mean that moves slowly, and they are left out;
-then twice and four times as many, up to half of those that stay single. Unit: coefficients.
-
-Otherwise: a mean that rises and falls once by 20 floors is measured as K in four records of five, and B is too small
-in one of four; with 6, K of three times the smallest is lost in 15 % of the records, with 4 in 12 %. Origin: two
-cycles of the record: the least that is an oscillation (`markov.py`).
 """
 BEYOND_EVIDENCE = 2.7
 """A walk shows without the lowest coefficients. Unit: twice the log likelihood ratio.
@@ -503,7 +497,7 @@ class SlowTermSearch:
         has it in the lowest coefficients, and would be stated as K, at the cost of B.
         """
         series, terms = self._series, self.terms
-        count = 2 * terms.slowest.size or SLOWEST
+        count = 2 * (terms.slowest.size or FEWEST_CYCLES)
         most = min(SINGLE, series.y.size // 3) // 2
         growing = [term for term in self.surface.grids if term.grows]
         shown = any(evidence(self.surface, term) > EVIDENCE for term in growing)
