@@ -97,9 +97,9 @@ def test_a_table_of_unknown_origin_is_unknown_and_gets_no_advice_about_a_vn100(t
 
 
 def test_a_report_lists_what_was_excluded_and_when(tmp_path: Path) -> None:
-    rng, path, n = np.random.default_rng(2), tmp_path / "a.npz", 12_000
+    rng, path, n = np.random.default_rng(2), tmp_path / "a.npz", 8_000
     gyro, accel = rng.normal(0.0, 1e-3, (n, 3)), rng.normal((0.0, 0.0, 9.8), 1e-2, (n, 3))
-    at = [4000 + 800 * k for k in range(9)]
+    at = [4000 + 800 * k for k in range(4)]
     for k in at:
         accel[k : k + 20] += rng.normal(0.0, 2.0, (20, 3))
     np.savez(path, t_s=np.arange(n) / 40.0, gyro_uncomp_rads=gyro, accel_uncomp_ms2=accel)
@@ -125,42 +125,27 @@ def test_a_report_lists_what_was_excluded_and_when(tmp_path: Path) -> None:
 
 
 def test_signal_findings_are_reported(tmp_path: Path) -> None:
-    """Of known truth: a machine that shakes two axes, mains, a temperature with its effect, three biases."""
-    n, rate = 40_000, 40.0
-    t, rng = np.arange(n) / rate, np.random.default_rng(8)
+    """Of known truth: a machine that shakes two axes, mains, and biases."""
+    n, path = 20_000, tmp_path / "a.npz"
+    t, rng = np.arange(n) / 40.0, np.random.default_rng(8)
     gyro, accel = rng.normal((1e-3, 0, 0), 4e-4, (n, 3)), rng.normal((0.011, 0, -9.787), 6e-3, (n, 3))
-    mag = rng.normal((0.2, 0, 0.4), 1e-3, (n, 3))
-    degrees = 25.0 + 2.0 * np.sin(2 * np.pi * t / 300.0)
-    gyro[:, 1] += 1e-4 * (degrees - 25.0)
+    mag = rng.normal((0.2, 0, 0.4), 1e-3, (n, 3)) + 2e-3 * np.sin(2 * np.pi * 50.0 * t)[:, None] * [
+        1.0,
+        0.0,
+        0.0,
+    ]
     accel[:, :2] += 0.01 * np.sin(2 * np.pi * 13.3 * t)[:, None]
-    mag[:, 0] += 2e-3 * np.sin(2 * np.pi * 50.0 * t)
-    path = tmp_path / "a.npz"
-    np.savez(path, t_s=t, gyro_uncomp_rps=gyro, accel_uncomp_mps2=accel, mag_gauss=mag, temperature_C=degrees)
-    text = imumon("replay", path, "--json")
-    channels = json.loads(text)["channels"]
-    shown = documents.text(from_json(Report, text), "md")
-    bias = channels["gyro/x"]["distribution"]
-    assert bias["bias_low"] < 1e-3 < bias["bias_high"]
-    upright = channels["accel/z"]["distribution"]
-    assert upright["bias_low"] < 0.02 < upright["bias_high"]
-    assert channels["accel/x"]["distribution"]["bias"] is None
+    np.savez(path, t_s=t, gyro_uncomp_rps=gyro, accel_uncomp_mps2=accel, mag_gauss=mag)
+    report = replay(ReplayOptions(path=str(path)))
+    for name, bias in (("gyro/x", 1e-3), ("accel/z", 0.02)):
+        shape = report.channels[name].distribution
+        assert shape.bias_low < bias < shape.bias_high
+    assert report.channels["accel/x"].distribution.bias is None
+    shown = documents.text(report, "md")
     assert re.search(r"^\| accel/x, .*\| not separable from tilt ", shown, re.M)
-    drift = channels["gyro/y"]["drift"]
-    assert drift["per_degC_low"] < 1e-4 < drift["per_degC_high"]
-    assert drift["explained"] > 0.9
-    (column,) = [each for each in channels["gyro/y"]["model"]["columns"] if each["name"] == "temperature"]
-    assert (column["value"], column["unit"]) == (drift["per_degC"], "rad/s/degC")
-    assert channels["gyro/y"]["K"]["status"] != "measured"  # it is without the effect
-    assert "temperature" in channels["gyro/y"]["caveats"]
-    assert channels["accel/x"]["distribution"]["correlation"]["accel/y"] > 0.5
-    for text in (
-        "accel/x: moves together with accel/y (+0.5",
-        "13.3 Hz of 0.0",
-        "(50 Hz mains)",
-    ):
+    for text in ("accel/x: moves together with accel/y (+0.5", "13.3 Hz of 0.0", "(50 Hz mains)"):
         assert text in shown
-    for name in ("gyro/x", "gyro/z", "accel/z", "mag/y", "mag/z"):
-        assert f"\n{name}:" not in shown
+    assert not [name for name in ("gyro/x", "gyro/z", "accel/z", "mag/y") if f"\n{name}:" in shown]
 
 
 def test_a_corrupt_recording_is_used_up_to_the_corruption(tmp_path: Path) -> None:

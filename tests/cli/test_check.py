@@ -25,7 +25,7 @@ from daemons import Daemon
 from documents import words
 from faulty_sensor import spawn
 from free_ports import free_endpoint
-from reports import FakeSource, with_coefficients
+from reports import FakeSource
 from waiting import until
 
 from imumon.api.measurement import Measurement
@@ -36,7 +36,7 @@ from imumon.cli.options import only_own_device, report_of
 from imumon.cli.wait_condition import WaitCondition
 from imumon.config import ZenohSettings
 from imumon.documents.program_settings import number_lines, numbers_of
-from imumon.model.coefficients import GRADES, NOISE, GradeName
+from imumon.model.coefficients import GRADES, NOISE, Estimate
 from imumon.model.messages import grade_text
 from imumon.model.readiness import letters_for, ready_text, state_of
 from imumon.model.report import DeviceDescription, Report, SensorGrade, SessionCounters, stamp
@@ -51,6 +51,10 @@ from imumon.tui.view_state import ViewState
 
 PERFORMANCE = re.compile(r"[A-Za-z_]+=-?\d+(\.\d+)?(s|%|c)?(;-?[\d.]*){0,4}")
 """One value by the Monitoring Plugins Development Guidelines."""
+
+
+def with_channel(report: Report, name: str, **changed: object) -> Report:
+    return replace(report, channels={**report.channels, name: replace(report.channels[name], **changed)})
 
 
 @contextmanager
@@ -87,27 +91,6 @@ def plugin(*words: str) -> tuple[int, str, list[str]]:
     return code, text.partition(" - ")[2], values
 
 
-def healthy(report: Report) -> Report:
-    return report
-
-
-def with_loss(report: Report) -> Report:
-    return replace(report, session=replace(report.session, recent_loss=0.2))
-
-
-def stuck(report: Report) -> Report:
-    return replace(report, caveats=("stuck",))
-
-
-def constant(report: Report) -> Report:
-    channel = replace(report.channels["gyro/y"], caveats=("constant",))
-    return replace(report, channels={**report.channels, "gyro/y": channel})
-
-
-def disconnected(report: Report) -> Report:
-    return replace(with_loss(report), state="waiting")
-
-
 @cache
 def measured(scale: float = 1.0) -> Report:
     """Return the report of a minute of white noise, of an industrial sensor by default."""
@@ -125,20 +108,29 @@ def report() -> Report:
     return measured()
 
 
+def lossy(report: Report, **changed: object) -> Report:
+    return replace(report, session=replace(report.session, recent_loss=0.2), **changed)
+
+
+LOSS = "20 % of the samples of the last minute are missing"
+
+
 @pytest.mark.parametrize(
     ("state", "code", "text"),
     [
-        (healthy, 0, "gyro .*, accel .*, loss 0 %"),
-        (with_loss, 1, "20 % of the samples of the last minute are missing"),
-        (stuck, 1, "the values do not change: an axis or the whole sensor hangs"),
-        (constant, 1, "gyro y: the values never changed: dead, stuck or not measured"),
+        (lambda report: report, 0, "gyro .*, accel .*, loss 0 %"),
+        (lossy, 1, LOSS),
         (
-            disconnected,
-            2,
-            "the sensor is disconnected or silent; 20 % of the samples of the last minute are missing",
+            lambda report: replace(report, caveats=("stuck",)), 1,
+            "the values do not change: an axis or the whole sensor hangs",
         ),
+        (
+            lambda report: with_channel(report, "gyro/y", caveats=("constant",)), 1,
+            "gyro y: the values never changed: dead, stuck or not measured",
+        ),
+        (lambda report: lossy(report, state="waiting"), 2, f"the sensor is disconnected or silent; {LOSS}"),
     ],
-)
+)  # fmt: skip
 def test_the_worst_state_decides(
     report: Report, state: Callable[[Report], Report], code: int, text: str
 ) -> None:
@@ -152,11 +144,10 @@ def test_the_worst_state_decides(
 
 def test_the_limit_of_the_loss_a_grade_and_a_baseline(report: Report, tmp_path: Path) -> None:
     final = SensorGrade(meets="industrial", best="industrial", worst="industrial", provisional=False)
-    lossy = replace(with_loss(report), alarm_limits={"loss": 0.1})
-    with published(lossy) as place:
+    with published(lossy(report, alarm_limits={"loss": 0.1})) as place:
         assert plugin("--connect", place)[0] == 1
-    lossy = replace(lossy, alarm_limits={"loss": 0.25}, grade={"gyro": final, "accel": final})
-    with published(lossy) as place:
+    within = lossy(report, alarm_limits={"loss": 0.25}, grade={"gyro": final, "accel": final})
+    with published(within) as place:
         assert plugin("--connect", place)[0] == 0
         code, text, _ = plugin("--connect", place, "--grade", "tactical")
         assert (code, text.count(" industrial")) == (2, 2)
@@ -201,45 +192,13 @@ def test_a_real_sensor_is_ok_lossy_and_unplugged(tmp_path: Path) -> None:
 # ---------------------------------------------------------------- wait
 
 
-def changed(report: Report, name: str, **coefficients: float | None) -> Report:
-    """The report with another upper limit, SI, of some coefficients of a channel; None: pending."""
-    channel = report.channels[name]
-    parts = {
-        letter: replace(
-            channel.coefficients[letter],
-            value=None,
-            low=None,
-            high=high,
-            combined_high=None,
-            status="pending" if high is None else "upper_bound",
-        )
-        for letter, high in coefficients.items()
-    }
-    return replace(report, channels={**report.channels, name: with_coefficients(channel, **parts)})
-
-
-def graded(report: Report, best: GradeName = "industrial", worst: GradeName = "industrial") -> Report:
-    grade = SensorGrade(meets="industrial", best=best, worst=worst, provisional=best != worst)
-    return replace(report, grade={"gyro": grade, "accel": grade})
-
-
-@pytest.fixture(scope="module")
-def long() -> Report:
-    return graded(reports.long_report())
-
-
-def test_a_provisional_grade_counts_if_every_limit_has_it(long: Report) -> None:
-    maybe_better = graded(long, best="tactical")
-    assert WaitCondition(grade="industrial").unmet(maybe_better) is None
-    maybe_worse = graded(long, worst="consumer")
-    assert "gyro industrial, provisional" in str(WaitCondition(grade="industrial").unmet(maybe_worse))
-    assert WaitCondition(grade="consumer").unmet(maybe_worse) is None
-
-
-def test_a_precision_needs_every_axis_measured(long: Report) -> None:
+def test_a_precision_needs_every_axis_measured() -> None:
+    long = reports.long_report()
     assert WaitCondition(coefficient="N", precision=0.5).unmet(long) is None
     assert "required 1e-06" in str(WaitCondition(coefficient="N", precision=1e-6).unmet(long))
-    bounded = changed(long, "accel/z", K=1.0)
+    bound = Estimate(low=0.0, high=1.0, status="upper_bound")
+    known = long.channels["accel/z"].coefficients
+    bounded = with_channel(long, "accel/z", coefficients={**known, "K": bound})
     assert "K of accel/z is only bounded" in str(WaitCondition(coefficient="K", precision=0.9).unmet(bounded))
     assert WaitCondition(coefficient="N", precision=0.5, channels=("mag/x",)).unmet(long) is None
     condition = WaitCondition(coefficient="N", precision=0.5, channels=("mag/q",))
@@ -265,14 +224,14 @@ def test_only_a_daemon_with_a_locked_state_is_the_own_one(
 
 
 def test_of_several_own_daemons_the_one_at_the_configured_port_is_meant(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, long: Report, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, report: Report, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setenv("STATE_DIRECTORY", str(tmp_path))
     (tmp_path / "config.toml").write_text('[device]\nport = "/dev/ttyUSB1"\n')
     arguments = parsers()[0].parse_args(["status", "--config", str(tmp_path / "config.toml")])
     ports = {"first": "/dev/ttyUSB0", "second": "/dev/ttyUSB1", "foreign": "/dev/ttyUSB1"}
     published = [
-        replace(long, device=replace(long.device, id=name, port=port)) for name, port in ports.items()
+        replace(report, device=replace(report.device, id=name, port=port)) for name, port in ports.items()
     ]
     source = FakeSource(*published)
     monkeypatch.setattr(FakeSource, "report", lambda self, id: self.reports().get(id), raising=False)

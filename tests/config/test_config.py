@@ -55,10 +55,6 @@ def faults(file: Path, **overrides: object) -> list[tuple[str, str]]:
     return [(fault.code, str(fault).replace(f"{file.parent}/", "")) for fault in found]
 
 
-def codes(file: Path) -> list[str]:
-    return [code for code, _ in faults(file)]
-
-
 def test_empty_file_is_the_defaults(tmp_path: Path) -> None:
     settings = load(write(tmp_path, ""))
     assert (settings.device, settings.zenoh, settings.report) == (

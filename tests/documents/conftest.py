@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from commands import imumon
+from tables import csv
 
 from imumon.noise.synthesis import synthesise
 
@@ -20,9 +21,7 @@ def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
     noise = synthesise(4_800, HZ, N=[6e-5] * 3 + [1.4e-3] * 3, seed=4)
     noise[:, 5] -= 9.8
     names = "t [s],wx [rad/s],wy [rad/s],wz [rad/s],ax [m/s^2],ay [m/s^2],az [m/s^2]"
-    rows = np.column_stack([np.arange(4_800) / HZ, noise])
-    np.savetxt(path, rows, delimiter=",", header=names, comments="", fmt="%.12g")
-    return path
+    return csv(path, names.split(","), np.arange(4_800) / HZ, noise)
 
 
 @pytest.fixture(scope="session")

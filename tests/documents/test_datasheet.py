@@ -8,9 +8,9 @@ import json
 import re
 import shlex
 from dataclasses import replace
-from html.parser import HTMLParser
 from itertools import pairwise
 from pathlib import Path
+from xml.etree import ElementTree
 
 import pytest
 from commands import imumon, run_inside
@@ -74,37 +74,16 @@ def test_a_heading_has_something_below_it(age: str, *, combined: bool) -> None:
             assert not isinstance(element, Figure) or element.svg(), element.caption
 
 
-class Balance(HTMLParser):
-    """Open elements, and the resources that a browser would fetch."""
-
-    VOID = ("meta", "br")
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.open: list[str] = []
-        self.fetched: list[str] = []
-
-    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
-        if tag not in self.VOID:
-            self.open.append(tag)
-        links = [str(v) for k, v in attrs if k in ("src", "href")]
-        self.fetched += [v for v in links if not v.startswith("#")] + ([tag] if tag == "script" else [])
-
-    def handle_startendtag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
-        pass
-
-    def handle_endtag(self, tag: str) -> None:
-        assert self.open.pop() == tag
-
-
 @pytest.mark.few
 @pytest.mark.parametrize("age", AGES)
 def test_the_page_is_well_formed_and_fetches_nothing(age: str) -> None:
     page = text(aged(age), "html")
-    parser = Balance()
-    parser.feed(page)
-    assert parser.open == []
-    assert parser.fetched == []
+    # as XML, which ends each element and has each value in quotes
+    ended = re.sub(r"<(meta|br)([^>]*[^/])?>", r"<\1\2/>", page)
+    elements = list(ElementTree.fromstring(re.sub(r"(\w+)=(\w+)(?=[\s>])", r'\1="\2"', ended)).iter())
+    links = [value for each in elements for name, value in each.items() if name in ("src", "href")]
+    assert not [link for link in links if not link.startswith("#")]
+    assert "script" not in {each.tag for each in elements}
     assert "url(#" in page or age in ("nothing", "seconds")
     assert not re.search(r"url\((?!#)|@import|https?:", page)
 

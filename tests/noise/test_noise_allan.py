@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from noise_fits import curve_of, fits_of, held, measured, width
 
 from imumon.model.samples import Bools, Floats
-from imumon.model.saved_state import pack, unpack
+from imumon.model.saved_state import pack
 from imumon.noise import fit_curve
 from imumon.noise.allan import AllanCurve, OctaveCascade
 from imumon.noise.synthesis import synthesise
@@ -235,19 +235,6 @@ def test_merge_is_one_run_with_a_break(
     same_bits(b.result(), untouched)
 
 
-@settings(max_examples=25)
-@given(before=STEPS, after=STEPS, seed=st.integers(0, 2**32 - 1))
-def test_restored_continues_identically(before: list[Step], after: list[Step], seed: int) -> None:
-    one = OctaveCascade(3, 0.01, groups=GROUPS)
-    run(one, before, np.random.default_rng(seed))
-    two = unpack(pack(one))
-    for cascade in (one, two):
-        run(cascade, after, np.random.default_rng(seed + 1))
-    same_bits(one.result(), two.result())
-    one.break_()
-    assert one.result().sections == (one.result().span > 0)
-
-
 def test_differences_never_span_a_break() -> None:
     """The step between two constants counts within a segment, and not across a break."""
     cascade = OctaveCascade(1, 1.0)
@@ -261,28 +248,6 @@ def test_differences_never_span_a_break() -> None:
     assert not curve.avar.any()
     assert curve.m[-1] == 256  # the longest octave with two clusters and a difference in 1000 samples
     assert grouped_curve(np.repeat([[0.0], [1.0]], 1000, axis=0)).avar.any()
-
-
-def test_a_ten_minute_gap_keeps_the_long_octaves() -> None:
-    """24 h at 1 Hz with 600 s missing: a cluster of 10 000 s still has 94 % of its samples."""
-    cascade = OctaveCascade(1, 1.0)
-    cascade.update(np.random.default_rng(4).standard_normal((40_000, 1)))
-    cascade.skip(600)
-    cascade.update(np.random.default_rng(5).standard_normal((45_800, 1)))
-    curve = cascade.result()
-    whole = grouped_curve(np.zeros((86_400, 1)))
-    np.testing.assert_array_equal(curve.m, whole.m)
-    np.testing.assert_array_equal(curve.terms[curve.m >= 8192], whole.terms[curve.m >= 8192])
-
-
-def test_a_gap_of_years_is_cheap_and_counts_as_missing() -> None:
-    cascade = OctaveCascade(9, 1e-3, groups=[0, 0, 0, 1, 1, 1, 2, 2, 2])
-    cascade.update(np.random.default_rng(1).standard_normal((700, 9)))
-    cascade.skip(10**12)
-    cascade.update(np.random.default_rng(2).standard_normal((700, 9)))
-    curve = cascade.result()
-    assert curve.span == 10**12 + 1400
-    np.testing.assert_array_equal(curve.terms[0], [2 * 699] * 9)
 
 
 def test_the_state_of_a_long_record_is_bounded() -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 from collections.abc import Callable
 
 import numpy as np
@@ -150,22 +149,6 @@ def test_the_sums_between_marks_add_up() -> None:
     feed(alone, values[200 * HOP : 250 * HOP])  # begins at the break, as part 4 does
     for own, other in zip(alone.sums()[:3], parts[4][:3], strict=True):
         assert 0 <= other.averages[0] - own.averages[0] <= 2  # segments that end behind the mark
-
-
-def test_sums_of_another_record_are_those_of_one_run_with_a_break() -> None:
-    values = np.random.default_rng(8).standard_normal((200 * HOP, 2))
-    one, a, b = (SpectrumAccumulator((0, 0), RATE) for _ in range(3))
-    feed(one, values[: 90 * HOP])
-    one.break_()
-    feed(one, values[90 * HOP :])
-    feed(a, values[: 90 * HOP])
-    feed(b, values[90 * HOP :])
-    untouched = copy.deepcopy(a)
-    b.add_sums(a)
-    for own, other in zip(b.sums(), one.sums(), strict=True):
-        np.testing.assert_allclose(own.power, other.power, rtol=1e-12)
-        np.testing.assert_array_equal(own.averages, other.averages)
-    same_sums(a.sums(), untouched.sums())
 
 
 def test_a_long_gap_ends_the_segments_and_a_short_one_is_missing() -> None:

@@ -213,22 +213,15 @@ def gaussian(seed: int = 1) -> Floats:
     return np.random.default_rng(seed).standard_normal(SAMPLES)
 
 
-@pytest.mark.few
-@pytest.mark.parametrize("limit", [0.5, 0.67, 1.0, 2.0, 3.0, 3.5])
-def test_clipped_noise_is_seen(limit: float) -> None:
-    assert clipped_at(np.clip(gaussian() + 0.1, -limit, limit)) == (-limit, limit)
-    assert clipped_at(np.minimum(gaussian(), limit)) == (limit,)
-
-
 # of steps of 0.2, a limit at three deviations makes N 0.3 % low, and is not seen in each record
-@pytest.mark.few
-@pytest.mark.parametrize(
-    ("limit", "step"),
-    [(0.5, 0.02), (0.67, 0.02), (1.0, 0.02), (3.0, 0.02), (0.5, 0.2), (1.0, 0.2), (2.0, 0.2)],
-)
-def test_it_is_seen_in_steps_too(limit: float, step: float) -> None:
-    last = round(limit / step)
-    assert len(clipped_at(np.clip(np.round(gaussian() / step), -last, last) * step)) == 2
+@pytest.mark.few(2)
+@pytest.mark.parametrize("step", [1e-9, 0.02, 0.2])
+@pytest.mark.parametrize("limit", [0.5, 1.0, 2.0, 3.0])
+def test_clipped_noise_is_seen(limit: float, step: float) -> None:
+    values, last = np.round(gaussian() / step), round(limit / step)
+    if step < 0.1 or limit < 3.0:
+        assert clipped_at(np.clip(values, -last, last) * step) == pytest.approx((-limit, limit))
+        assert clipped_at(np.minimum(values, last) * step) == pytest.approx((limit,))
 
 
 SETTLING = 30.0 * np.exp(-np.arange(SAMPLES) / 5_000.0)

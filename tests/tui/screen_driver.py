@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable, Callable, Iterable
 
 import reports
 from textual.app import App
@@ -11,7 +11,7 @@ from textual.pilot import Pilot
 
 from imumon.model.report import Report
 from imumon.tui.app import ImumonApp
-from imumon.tui.formatting import Notation
+from imumon.tui.formatting import Line, Notation
 from imumon.tui.widgets import DrawnPanel, ScrolledPanel
 
 Script = Callable[[ImumonApp, Pilot[int]], Awaitable[None]]
@@ -41,15 +41,18 @@ def driven(
     return lambda script: lambda: drive(source(), script, size, **options) and None
 
 
+def text_of(lines: Iterable[Line]) -> str:
+    return "\n".join("".join(text for text, _ in line) for line in lines)
+
+
 def visible_text(app: App[int]) -> str:
     """Return the text of the visible panels."""
     parts = [*app.screen_stack[0].query(DrawnPanel), *app.screen.query(ScrolledPanel)]
-    shown = [p for p in parts if p.display and p.size.area and p.is_on_screen]
-    return "\n".join("".join(text for text, _ in line) for p in shown for line in p.lines())
+    return text_of(line for p in parts if p.display and p.size.area and p.is_on_screen for line in p.lines())
 
 
 def status(app: ImumonApp) -> str:
-    return "".join(text for line in app.query_one("#status", DrawnPanel).lines() for text, _ in line)
+    return text_of(app.query_one("#status", DrawnPanel).lines())
 
 
 def table_number(report: Report, channel: str, letter: str) -> str:

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 import reports
 from pictures import SOURCES, SwitchableSource
-from screen_driver import drive, driven, status, table_number, visible_text
+from screen_driver import drive, driven, status, table_number, text_of, visible_text
 from textual.pilot import Pilot
 from textual.widgets import Input
 
@@ -122,9 +122,9 @@ async def test_help_names_every_key_of_the_visible_view(app: ImumonApp, pilot: P
         for _, what in keys_of(list(type(view).BINDINGS)):
             assert what.removeprefix("next ").removeprefix("previous ") in text, what
         window = app.screen.query_one(ScrolledPanel)
-        assert "…" not in "".join(t for line in window.lines() for t, _ in line)
+        assert "…" not in text_of(window.lines())
         assert window.max_scroll_x == 0
-        titles = ["".join(t for t, _ in line).strip() for line in window.lines()]
+        titles = [title.strip() for title in text_of(window.lines()).splitlines()]
         # every key is visible at once; only the words below them scroll
         assert titles.index("words of this view") - 1 <= window.size.height, (key, window.size)
         await pilot.press("escape")
@@ -215,7 +215,7 @@ async def test_every_view_shows_the_status(app: ImumonApp, pilot: Pilot[int]) ->
 @pytest.mark.parametrize("width", [44, 66, 80, 99, 120, 150, 200])
 @pytest.mark.parametrize("view", VIEWS)
 def test_the_footer_names_the_views_and_the_help_wherever_they_fit(view: str, width: int) -> None:
-    text = "".join(text for text, _ in footer(ViewState(view=view), width)[0])
+    text = text_of(footer(ViewState(view=view), width)[:1])
     assert len(text) == width
     assert f"{VIEWS.index(view) + 1} {view}" in text
     assert "? help" in text
@@ -301,7 +301,7 @@ def test_no_label_of_an_axis_is_cut(size: tuple[int, int]) -> None:
         id=report.device.id,
         channel=MAG[0],
     )
-    rows = ["".join(text for text, _ in line) for line in over_time_chart(state, *size)]
+    rows = text_of(over_time_chart(state, *size)).splitlines()
     factor = state.notation.coefficient_scale("mag", "N")[0]
     labels = [float(found[0]) for row in rows if (found := re.match(r" *-[\d.]+", row))]
     assert len(labels) > 1
@@ -309,10 +309,6 @@ def test_no_label_of_an_axis_is_cut(size: tuple[int, int]) -> None:
 
 
 # ---------------------------------------------------------------- the view over time
-
-
-def text(lines: object) -> str:
-    return "\n".join("".join(part for part, _ in line) for line in lines)
 
 
 def state(span: str = "day", *, shown: bool = True) -> ViewState:
@@ -329,19 +325,19 @@ def test_it_draws_every_quantity_that_fits_with_its_events(span: str, size: tupl
     assert len(lines) <= size[1]
     assert all(sum(len(part) for part, _ in line) == size[0] for line in lines)
     if size[1] >= 20:
-        shown = [name for name in QUANTITIES if f"{name} [" in text(lines)]
+        shown = [name for name in QUANTITIES if f"{name} [" in text_of(lines)]
         assert (
             shown == [name for name in QUANTITIES if name != "M"][: (size[1] - 2) // LEAST_ROWS]
         )  # no row has M
-        assert "↓" in text(lines)  # K is only bounded
-        assert size[0] < 80 or "each " in text(lines)
-        assert "▏" in text(lines)
+        assert "↓" in text_of(lines)  # K is only bounded
+        assert size[0] < 80 or "each " in text_of(lines)
+        assert "▏" in text_of(lines)
 
 
 @pytest.mark.parametrize("span", SPANS)
 def test_a_young_record_fills_the_chart(span: str) -> None:
     rows, _ = reports.history_reply(GYRO[0], 10_800.0, "1h")
-    lines = text(
+    lines = text_of(
         over_time_chart(replace(state(span), history=parse(GYRO[0], rows, b"[]")), 80, 24)
     ).splitlines()
     assert lines[-1].split()[:3] == ["01", "Mar", "05:00"]
@@ -374,8 +370,6 @@ def test_a_value_that_is_none(value: object) -> None:
 
 
 def test_the_view_asks_for_what_it_shows() -> None:
-    from screen_driver import drive, visible_text
-
     source = reports.FakeSource(reports.warming_up())
 
     async def script(app: ImumonApp, pilot: Pilot[int]) -> None:
@@ -398,8 +392,6 @@ def test_the_view_asks_for_what_it_shows() -> None:
 @pytest.mark.few
 @pytest.mark.parametrize("size", [(60, 20), (80, 24), (150, 40)])
 def test_the_span_of_the_record_shows_each_coefficient_as_it_is_now(size: tuple[int, int]) -> None:
-    from screen_driver import drive, table_number, visible_text
-
     async def script(app: ImumonApp, pilot: Pilot[int]) -> None:
         await pilot.press("6", "right", "down")
         await pilot.pause()

@@ -13,7 +13,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from pictures import FOLDER, IN_README, PICTURES
 from rich.style import Style
-from screen_driver import drive, driven, table_number, visible_text
+from screen_driver import drive, driven, table_number, text_of, visible_text
 from textual.pilot import Pilot
 
 from imumon.model import units
@@ -23,7 +23,7 @@ from imumon.model.samples import GYRO
 from imumon.model.units import FLICKER
 from imumon.tui import braille_canvas, channel_table, charts, formatting, panels, text_panels
 from imumon.tui.app import ImumonApp
-from imumon.tui.formatting import CELL, Line, Notation
+from imumon.tui.formatting import CELL, Notation
 from imumon.tui.view_state import ViewState
 from imumon.tui.widgets import ROLES, THEMES, RoleStyles
 
@@ -59,10 +59,6 @@ def running() -> ViewState:
         signal=reports.signal(GYRO[1]),
         events=tuple(reports.events()),
     )
-
-
-def text_of(lines: list[Line]) -> str:
-    return "\n".join("".join(text for text, _ in line) for line in lines)
 
 
 @pytest.mark.parametrize("name", DRAWN)
@@ -247,14 +243,9 @@ async def test_ascii_mode_draws_only_ascii(app: ImumonApp, pilot: Pilot[int]) ->
         await pilot.press(key)
         await pilot.pause()
         for y in range(app.size.height):
-            assert _row(app, y).isascii(), _row(app, y)
-
-
-def _row(app: ImumonApp, y: int) -> str:
-    return "".join(
-        app.screen.get_widget_at(0, y)[0].render_line(y - app.screen.get_widget_at(0, y)[1].y).text
-        for _ in range(1)
-    )
+            widget, place = app.screen.get_widget_at(0, y)
+            row = widget.render_line(y - place.y).text
+            assert row.isascii(), row
 
 
 # ---------------------------------------- snapshots of the screen in about 15 states that matter
