@@ -9,7 +9,6 @@ from __future__ import annotations
 import json
 import os
 import signal
-import subprocess
 import sys
 import threading
 import time
@@ -19,6 +18,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from forked import Forked
 from waiting import until
 
 from imumon.model.coefficients import Estimate
@@ -161,32 +161,29 @@ class Actor:
     """A process with a role; a thread reads what it prints."""
 
     def __init__(self, role: str, **arguments: Any) -> None:
-        self.process = subprocess.Popen(
-            [sys.executable, str(Path(__file__)), role, json.dumps(arguments)],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
-            text=True,
-            bufsize=1,
-        )
+        (input_end, into), (out, out_end) = os.pipe(), os.pipe()
+        words, here = [role, json.dumps(arguments)], {"PYTHONPATH": str(Path(__file__).parent)}
+        self.process = Forked(words, (input_end, out_end, 2), environment=here, module="bus_actors")
+        os.close(input_end)
+        os.close(out_end)
+        self._input = os.fdopen(into, "w")
         self.messages: list[dict[str, Any]] = []
-        self._thread = threading.Thread(target=self._listen, daemon=True)
+        self._thread = threading.Thread(target=self._listen, args=(out,), daemon=True)
         self._thread.start()
 
-    def _listen(self) -> None:
-        assert self.process.stdout
-        for line in self.process.stdout:
-            self.messages.append(json.loads(line))
+    def _listen(self, output: int) -> None:
+        with os.fdopen(output) as lines:
+            for line in lines:
+                self.messages.append(json.loads(line))
 
     def ready(self) -> Actor:
         until(lambda: self.messages or self.process.poll() is not None)
-        assert self.messages, self.process.stderr.read() if self.process.stderr else ""
+        assert self.messages
         return self
 
     def send(self, line: str) -> None:
-        assert self.process.stdin
-        self.process.stdin.write(line + "\n")
-        self.process.stdin.flush()
+        self._input.write(line + "\n")
+        self._input.flush()
 
     def request(self, line: str) -> dict[str, Any]:
         before = len(self.messages)
@@ -200,14 +197,11 @@ class Actor:
             self.process.wait(60)
 
     def end(self) -> None:
-        if self.process.poll() is None:
-            self.process.kill()
+        self.process.kill()
         self.process.wait(60)
         self._thread.join(60)
-        for pipe in (self.process.stdin, self.process.stdout, self.process.stderr):
-            if pipe:
-                with suppress(OSError):
-                    pipe.close()
+        with suppress(OSError):
+            self._input.close()
 
 
 @contextmanager

@@ -138,10 +138,10 @@ def test_default_endpoints_are_local_and_need_no_configuration() -> None:
 
 def test_messages_published_before_close_arrive() -> None:
     with stage() as start:
-        addresses = [free_endpoint() for _ in range(4)]
+        addresses = [free_endpoint() for _ in range(2)]
         actors = [start("daemon", id=f"d{n}", listen=[address]) for n, address in enumerate(addresses)]
         with Subscriber(addresses) as subscriber:
-            until(lambda: len(subscriber.reports()) == 4)
+            until(lambda: len(subscriber.reports()) == 2)
             for actor in actors:
                 actor.send("stop")
             until(lambda: not subscriber.alive())

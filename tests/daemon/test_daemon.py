@@ -132,7 +132,7 @@ def test_a_line_that_is_never_silent_does_not_keep_it_from_its_end(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     with spawn(EmulatorSettings(seed=2)) as sensor:
-        reader = here(sensor.path, tmp_path, duration_s=4.0)
+        reader = here(sensor.path, tmp_path, duration_s=2.0)
         read = SerialPort.read
 
         def flood(port: SerialPort, timeout: float) -> bytes:
@@ -195,7 +195,7 @@ def test_a_stop_saves_before_its_last_report(tmp_path: Path, monkeypatch: pytest
 
     monkeypatch.setattr(Reader, "_publish", late)
     with spawn(EmulatorSettings(seed=2)) as sensor:
-        outcome = here(sensor.path, tmp_path, duration_s=4.0).run()
+        outcome = here(sensor.path, tmp_path, duration_s=2.0).run()
     assert saved == [outcome.report.session.samples]
 
 

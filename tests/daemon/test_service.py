@@ -11,14 +11,17 @@ import subprocess
 import sys
 import threading
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
-from free_ports import free_endpoint
+from daemons import Daemon
 from paths import ROOT
 
 from imumon.config import Settings
-from imumon.daemon import Daemon, RunOptions
+from imumon.daemon import Daemon as Reader
+from imumon.daemon import RunOptions
 from imumon.daemon.log import configure_logging
 from imumon.sources.vn100.emulator import EmulatorSettings, spawn
 
@@ -62,57 +65,42 @@ class NotifySocket:
         self._socket.close()
 
 
-def start_daemon(manager: NotifySocket, port: str, directory: Path) -> subprocess.Popen[str]:
-    """Start a daemon with this process as its service manager."""
-    command = [sys.executable, "-m", "imumon", "run", "--port", port, "--listen", free_endpoint()]
-    manager = {
-        "NOTIFY_SOCKET": str(manager.path),
-        "WATCHDOG_USEC": "1000000",
-        "STATE_DIRECTORY": str(directory),
-    }
-    return subprocess.Popen([*command], env={**os.environ, **manager}, stderr=subprocess.PIPE, text=True)
+@contextmanager
+def managed(port: str, directory: Path) -> Iterator[tuple[NotifySocket, Daemon]]:
+    """Yield a daemon with this process as its service manager."""
+    manager = NotifySocket(directory)
+    settings = {"NOTIFY_SOCKET": str(manager.path), "WATCHDOG_USEC": "1000000"}
+    with Daemon(port, directory, environment=settings) as daemon:
+        yield manager, daemon
+    manager.close()
 
 
 def test_ready_comes_with_the_first_sample_and_the_grade_with_the_status(tmp_path: Path) -> None:
-    manager = NotifySocket(tmp_path)
-    with spawn(EmulatorSettings(seed=1)) as sensor:
-        daemon = start_daemon(manager, sensor.path, tmp_path)
-        try:
-            assert (
-                manager.until("STATUS=starting") < manager.until("READY=1") < manager.until("STATUS=running")
-            )
-            manager.until("STATUS=running; gyro: consumer")
-            assert manager.messages.count("READY=1") == 1
-            manager.until("WATCHDOG=1", count=3)
-        finally:
-            daemon.terminate()
-            daemon.communicate(timeout=60)
-    manager.until("STOPPING=1")
-    manager.until("STATUS=stopped")
-    assert daemon.returncode == 0
-    manager.close()
+    with spawn(EmulatorSettings(seed=1)) as sensor, managed(sensor.path, tmp_path) as (manager, daemon):
+        assert manager.until("STATUS=starting") < manager.until("READY=1") < manager.until("STATUS=running")
+        manager.until("STATUS=running; gyro: consumer")
+        assert manager.messages.count("READY=1") == 1
+        manager.until("WATCHDOG=1", count=3)
+        assert daemon.stop()[0] == 0
+        manager.until("STOPPING=1")
+        manager.until("STATUS=stopped")
 
 
 def test_ready_comes_with_the_first_waiting(tmp_path: Path) -> None:
-    manager = NotifySocket(tmp_path)
-    daemon = start_daemon(manager, str(tmp_path / "ttyNONE"), tmp_path)
-    try:
+    with managed(str(tmp_path / "ttyNONE"), tmp_path) as (manager, daemon):
         manager.until("READY=1")
         manager.until("STATUS=waiting: no port")
         manager.until("WATCHDOG=1")
-    finally:
-        daemon.terminate()
-        _, log = daemon.communicate(timeout=60)
-    assert daemon.returncode == 0
+        code, _, log = daemon.stop()
+    assert code == 0
     assert log.count("waiting") == 1  # logged once, however long it lasts
-    manager.close()
 
 
 def test_a_device_that_is_silent_from_the_start_is_waited_for(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Otherwise it would never be ready, and be killed and started again and again."""
-    daemon = Daemon(Settings(), RunOptions(url="", state_directory=tmp_path))
+    daemon = Reader(Settings(), RunOptions(url="", state_directory=tmp_path))
     daemon._connection.connected = True
     monkeypatch.setattr("imumon.daemon.run_limits.timeout_s", lambda rate_hz: 0.0)
     daemon._handle(None)
