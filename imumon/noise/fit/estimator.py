@@ -190,6 +190,7 @@ class Estimator:
         kurtosis: Sequence[float] | None = None,
         like: Estimator | None = None,
         channels: Sequence[int] | None = None,
+        only_with: str | None = None,
     ) -> tuple[ChannelFit, ...]:
         """Fit channels of the sums of a part of a record, without a curve.
 
@@ -201,6 +202,8 @@ class Estimator:
             less of the upper end than the whole; None: each part has its own, which
             is kept while the part grows.
         channels : which ones, in the order of the results; None: all.
+        only_with : name of a regressor. A channel whose fit cannot have it, unless beside a hump, stays pending: to see
+            that takes a fifth of a fit. None: every channel is fitted.
         """
         out = []
         for channel in range(len(sums.group)) if channels is None else channels:
@@ -212,7 +215,13 @@ class Estimator:
             if like is None and known is not None and known.span > span:
                 known = None  # another part
             fitted = self._fit_model(
-                sums, channel, known, _of_channel(kurtosis, channel), step, whole=like is None
+                sums,
+                channel,
+                known,
+                _of_channel(kurtosis, channel),
+                step,
+                whole=like is None,
+                only_with=only_with,
             )
             if like is None:
                 self._parts[channel] = _Known(span, fitted)
@@ -249,6 +258,7 @@ class Estimator:
         step: float,
         *,
         whole: bool = True,
+        only_with: str | None = None,
     ) -> FittedModel | Pending:
         """Return the model of a channel with what it states, or why there is none.
 
@@ -257,6 +267,7 @@ class Estimator:
         step : channel unit, least step between two values, 0.0 where there is none.
         whole : the sums are those of which `known` is an earlier state, and settling, steps and bends are sought;
             False: a part of them that shares its model.
+        only_with : see `fit_sums`.
         """
         series = _noisy_series(sums.blocks, channel, sums.degrees)
         if isinstance(series, Pending):
@@ -278,6 +289,8 @@ class Estimator:
             step=step,
             counted=counted,
         )
+        if only_with is not None and not search.may_have(only_with):
+            return Pending(f"its slow terms have no {only_with}")
         model = search.result()
         if isinstance(model, str):
             return Pending(model)

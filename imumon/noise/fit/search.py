@@ -234,6 +234,11 @@ class ModelSearch:
             self._spectral.clear()
         self._fits: dict[tuple[UpperEnd, float], tuple[Likelihood, Surface]] = {}  # by upper end and error
 
+    def may_have(self, name: str) -> bool:
+        """Return whether a model without a hump may have a regressor of this name, before the model is searched."""
+        terms = (*self._slow.regressors, *self._slow.doubtful)
+        return any(regressor.name == name for regressor in terms)
+
     def result(self) -> Model | str:
         """Return the model, or why there is none."""
         previous = self._previous

@@ -274,7 +274,9 @@ class Sums:
         """
         sums = replace(self._without_temperature(self._parts.sums(self._start)), degrees=None)
         estimator = Estimator(averaged=self._averaged, time_to=False)
-        fits = estimator.fit_sums(sums, self.position - self._start, channels=self.warmup_channels)
+        fits = estimator.fit_sums(
+            sums, self.position - self._start, channels=self.warmup_channels, only_with="settling"
+        )
         settling = [fit.regressor("settling") for fit in fits if not (fit.oscillations_s or fit.hump_hz)]
         return [one.time_constant_s for one in settling if one and one.time_constant_s is not None]
 
