@@ -259,7 +259,8 @@ class FrameStatistics:
         sums = (distance.reshape(-1, part) @ np.ones(part)).reshape(distance.shape[:3])
         mean = sums.sum(axis=2) / n
         square = np.einsum("ckpm,ckpm->ck", distance, distance) / n
-        seen = np.where(usable, distance, mean[:, :, None, None])
+        # nearly always every sample is usable
+        seen = distance if (n == size).all() else np.where(usable, distance, mean[:, :, None, None])
         peak = np.maximum(seen.max(axis=(2, 3)) - mean, mean - seen.min(axis=(2, 3)))
         # A part with few samples scatters more: weighted so that full parts give the plain deviation.
         means = sums / np.maximum(count, 1) - mean[:, :, None]

@@ -394,7 +394,9 @@ class DisturbanceDetector:
 
     def _statistics(self, values: Floats, usable: Bools) -> tuple[FrameStatistics, Floats]:
         """Return statistics of frames, and the distance of their samples from the origin, 0.0 if not usable."""
-        distance = (values - self.baseline.origin[:, None, None, None]) * usable
+        distance = values - self.baseline.origin[:, None, None, None]
+        if not usable.all():
+            distance *= usable
         return FrameStatistics.of(distance, usable, self.baseline.origin), distance
 
     def _without(self, outliers: Bools, distance: Floats, usable: Bools) -> FrameStatistics:
