@@ -64,7 +64,7 @@ BEFORE_SECTION = -math.inf
 """Count of a cluster that begins before the section: always too few, whatever is added to it."""
 
 
-BATCH = 32
+BATCH = 128
 """Blocks processed at once at most: 8,192 samples of ten channels fit into the cache of the processor."""
 
 
