@@ -162,8 +162,8 @@ class ColumnClock:
             float(np.diff(column.present).min()) < -WINDOW * step,  # rows that are late make it fall less
             not (TIME.search(column.words) or not column.words),
             not _is_steady(column),
-            not re.search(r"startup|sample|sensor|device|boot|chip", column.words),
             not text,
+            not re.search(r"startup|sample|sensor|device|boot|chip", column.words),
             bool(re.search(r"host|system|app|log|recv|receive|arrival|gps|utc", column.words)),
             not column.words,
             column.index,

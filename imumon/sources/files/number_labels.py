@@ -29,7 +29,7 @@ class PrintedLine:
 
 def number_labels(record: Sequence[PrintedLine]) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """Return a name and a unit for each number of a record, by the text between the numbers."""
-    labels = _Labels()
+    labels = _Labels(any(_unit_behind(line.literals[-1]) for line in record))
     tail = ""  # text behind the last number of the lines before
     for line in record:
         for k, literal in enumerate(line.literals):
@@ -40,7 +40,7 @@ def number_labels(record: Sequence[PrintedLine]) -> tuple[tuple[str, ...], tuple
             tail = ""
             labels.add(text, is_date=line.dates[k])
     if labels.names:
-        labels.state_unit_behind(_between(tail, first=False)[0])
+        labels.state_unit_behind(_unit_behind(tail))
     return tuple(_distinct(labels.names, record)), tuple(labels.units)
 
 
@@ -54,8 +54,10 @@ class _Labels:
     section : words before a bare axis.
     base, index : name of a list, and place of its last element.
     was_assigned : an equals sign is before the last number.
+    has_units_behind : a unit is behind the last number of a line, so that words between numbers may be units, too.
     """
 
+    has_units_behind: bool
     names: list[str] = field(default_factory=list)
     units: list[str] = field(default_factory=list)
     sections: list[str] = field(default_factory=list)
@@ -66,8 +68,15 @@ class _Labels:
 
     def add(self, text: str, *, is_date: bool) -> None:
         """Add the label of the number behind a text."""
-        behind, unit, label, container, assigned = _between(text, first=not self.names)
-        self.state_unit_behind(behind)
+        if self.names and (behind := _unit_behind(text)):
+            word = text.find(behind)
+            is_label = (
+                text[:1].isspace() and not text[word + len(behind) :].strip() and not self.has_units_behind
+            )
+            if not is_label:
+                self.state_unit_behind(behind)
+                text = text[word + len(behind) :]
+        unit, label, container, assigned = _between(text)
         self.section = container or self.section
         if re.fullmatch(r"[xyzw]|[xyzw]-?axis|roll|pitch|yaw", label, re.IGNORECASE):
             name = f"{self.section} {label}".strip()
@@ -126,18 +135,20 @@ def _distinct(names: Sequence[str], record: Sequence[PrintedLine]) -> list[str]:
     return result
 
 
-def _between(text: str, *, first: bool) -> tuple[str, str, str, str, bool]:
-    """Return the text between two numbers.
+def _unit_behind(text: str) -> str:
+    """Return the unit at the begin of the text behind a number; empty: none is."""
+    word = re.match(r"[\s\"'§\])}]*([A-Za-z°µ%][^\s,;|)\]}\"'\n]*(?: (?:per|p) \w+)?)", text)
+    unit = "" if word is None else word[1].rstrip(".")
+    return unit if known_unit(unit) is not None else ""
+
+
+def _between(text: str) -> tuple[str, str, str, bool]:
+    """Return the text before a number.
 
     Returns
     -------
-    unit of the number before, unit in brackets of the number behind, its label, the words of the section around it,
-    and whether an equals sign is before the number.
+    unit in brackets, label, words of the section around it, and whether an equals sign is before the number.
     """
-    behind = ""
-    word = re.match(r"[\s\"'§\])}]*([A-Za-z°µ%][^\s,;|)\]}\"'\n]*(?: (?:per|p) \w+)?)", text)
-    if not first and word is not None and known_unit(word[1].rstrip(".")) is not None:
-        behind, text = word[1].rstrip("."), text[word.end() :]
     unit = ""
     for match in re.finditer(r"[\[(]\s*([^\[\]()\d][^\[\]()]*)\s*[\])]", text):
         if known_unit(match[1]) is not None:
@@ -150,4 +161,4 @@ def _between(text: str, *, first: bool) -> tuple[str, str, str, str, bool]:
     ]
     segments = [segment for segment in segments if re.search(r"[^\W\d_]", segment)]
     label = segments[-1] if segments else ""
-    return behind, unit, label, segments[-2] if len(segments) > 1 else "", assigned
+    return unit, label, segments[-2] if len(segments) > 1 else "", assigned

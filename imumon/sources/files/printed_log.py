@@ -236,6 +236,8 @@ def _are_mostly_values(cells: Sequence[str], separator: str | None, decimal: boo
 def _has_labelled_number(cell: str) -> bool:
     """Return whether a cell has a name before its number, or several numbers."""
     numbers = sum(match["number"] is not None for match in TOKEN.finditer(cell))
+    if re.fullmatch(r"\d{1,4}([-/.])\d{1,2}\1\d{1,4}", cell):  # a day
+        return False
     return numbers > 1 or (numbers == 1 and re.search(r"[A-Za-z\"'][:= ]\s*[\[({]?[-+.\d]", cell) is not None)
 
 
