@@ -98,3 +98,9 @@ def test_limits_of_counts_are_those_of_the_deviation_of_rounding_errors() -> Non
     q = statement._of_counts(1.0, white=10.0, samples=50.0)
     assert q.value == pytest.approx(deviations.mean(), rel=0.01)
     assert np.mean((q.low < deviations) & (deviations < q.high)) == pytest.approx(0.95, abs=0.015)
+
+
+def test_a_cycle_of_few_values_shows_no_noise() -> None:
+    values = np.resize([33.3, 34.05, 33.75, 33.45, 34.2, 33.9, 33.6], 7680) * 1e-2
+    fit = fit_of(values, 0.0)
+    assert fit.coefficients["N"].value is None

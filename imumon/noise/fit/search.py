@@ -100,6 +100,10 @@ of a true walk, 3 to 10 % of the records are `indistinct` by it (`markov.py`).
 """
 
 
+HUM = "a hum hides its noise"
+"""Why there is no model where a hum leaves no band of the spectrum."""
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class ModelChoice:
     """What one fit of a growing record leaves to the next.
@@ -243,7 +247,7 @@ class ModelSearch:
         """Return the model, or why there is none."""
         previous = self._previous
         if self._is_hidden:
-            return "a hum hides its noise"
+            return HUM
         if previous is not None and self._recent and self._judged(previous.upper_end)[0] > REJECT_P:
             # of the choice, not of today: else it would never be renewed
             self._chosen_samples, self._may_be_hump = previous.samples, previous.may_be_hump
@@ -259,6 +263,10 @@ class ModelSearch:
 
     def _described(self) -> Model | str:
         """Return the model with the first description of the upper end that the bands do not reject."""
+        if (
+            self._band is not None and not self._powers(1).top.size
+        ):  # steps leave out the bands that the hum has left
+            return HUM
         best, least = UpperEnd(), np.inf
         for upper_end in self._candidates():
             p_value, misfit = self._judged(upper_end)
