@@ -17,6 +17,7 @@ sizes_at_rest     1 g, and noise at rest
 formats           formats of single programs, from formats.toml
 date_reader       dates and times of day
 array_file        arrays of NumPy, MATLAB and Parquet
+document_file     arrays in JSON and in text of Octave
 array_table       named arrays, of a file or of a program
 log_file          topics of bags and of logs of autopilots
 log_process       program that reads them, with limits

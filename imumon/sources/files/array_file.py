@@ -1,4 +1,4 @@
-"""Array files: NumPy (.npz, .npy), MATLAB 5 (.mat) and Parquet, whose arrays have names like those of columns.
+"""Array files: NumPy, MATLAB 5, Parquet and documents, whose arrays have names like those of columns.
 
 A file is opened as named arrays; `array_table` says which columns they are. An array of NumPy is read block by block,
 so that memory does not grow with the record; the other forms are in memory as a whole.
@@ -23,6 +23,7 @@ from imumon.model.errors import ImumonError, why
 from imumon.model.system_errors import cure_of_reading, is_damage
 from imumon.sources.files.array_table import ArrayBlocks, ArrayTable
 from imumon.sources.files.base import ReadOptions, RecordingError
+from imumon.sources.files.document_file import OCTAVE, json_arrays, octave_arrays
 
 MOST_RATIO = 100
 """Bytes per byte of the file to which it may decompress: numbers of a sensor reach 10."""
@@ -45,9 +46,11 @@ FORMS = {
     "npy": Form("a NumPy array of numbers", "no_npy", "no_npy", "save it again with numpy.save"),
     "mat": Form("a MATLAB 5 file", "no_mat", "mat_corrupt", "save it again with save FILE.mat -v7"),
     "parquet": Form("a Parquet file", "no_parquet", "no_parquet", "write it again"),
+    "json": Form("an object of JSON", "no_json", "no_json", "write it again"),
+    "octave": Form("a text of Octave", "no_octave", "no_octave", "save it again with save -text"),
 }
 
-MAGIC = {b"\x93NUMPY": "npy", b"MATLAB 5.0": "mat", b"PAR1": "parquet"}
+MAGIC = {b"\x93NUMPY": "npy", b"MATLAB 5.0": "mat", b"PAR1": "parquet", OCTAVE: "octave"}
 """First bytes of the files of each form."""
 
 
@@ -58,6 +61,9 @@ def array_kind(path: str, head: bytes) -> str | None:
     ------
     RecordingError : it is a workbook.
     """
+    if head.startswith((b"{", b"[")):
+        with _damage(path, "json"):
+            return "json" if json_arrays(path) else None
     if not head.startswith(b"PK\x03\x04"):
         return next((kind for magic, kind in MAGIC.items() if head.startswith(magic)), None)
     try:
@@ -263,4 +269,6 @@ _READERS: Mapping[str, Callable[[str], dict[str, Any]]] = {
     "npy": _npy,
     "mat": _mat,
     "parquet": _parquet,
+    "json": json_arrays,
+    "octave": octave_arrays,
 }

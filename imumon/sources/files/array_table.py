@@ -11,6 +11,7 @@ as a whole.
 
 from __future__ import annotations
 
+import re
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -23,7 +24,7 @@ from imumon.model.cures import option_text
 from imumon.model.report_json import plain
 from imumon.model.samples import AXES, Floats, SampleBlock
 from imumon.sources.files.base import ROWS, ReadOptions, RecordingError, RowSource
-from imumon.sources.files.column_names import names_sensor, names_time, words_of
+from imumon.sources.files.column_names import names_sensor, names_time, split_unit, words_of
 from imumon.sources.files.column_reader import read_columns
 from imumon.sources.files.columns import LISTED, MOST_COLUMNS, Reading
 from imumon.sources.files.table import Table
@@ -163,7 +164,13 @@ def _most_specific(faults: Sequence[RecordingError], listed: str, *, several: bo
 def _stated_rate(columns: Sequence[ArrayColumn]) -> float | None:
     """Return the rate, Hz, that arrays of one number have by their names; None: there is none."""
     single = [column for column in columns if column.length == 1]
-    texts = (f"{words_of(word)}: {_rows([c], 0, 1)[0, 0]}" for c in single for word in c.name.split("."))
+    texts = []
+    for column in single:
+        number = _rows([column], 0, 1)[0, 0]
+        for word in column.name.split("."):
+            name, unit = split_unit(word)
+            is_interval = re.fullmatch(r"(?:sampl\w+ )?(?:interval|period)|dt", words_of(name)) is not None
+            texts.append(f"dt: {number} {unit}" if is_interval else f"{words_of(word)}: {number}")
     return stated_rate("\n".join(texts))
 
 

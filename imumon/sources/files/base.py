@@ -26,7 +26,7 @@ Samples: TypeAlias = Literal["point", "average", "increment"]
 """What a number of a gyroscope or an accelerometer is: an output at an instant, a mean, or an integral."""
 
 ROW_NOUNS = {
-    **dict.fromkeys(("npz", "npy", "mat", "parquet", "arrays"), "sample"),
+    **dict.fromkeys(("npz", "npy", "mat", "parquet", "json", "octave", "arrays"), "sample"),
     **dict.fromkeys(("bag", "px4", "ardupilot"), "message"),
 }
 """Word for a row of a table in messages, by its form, where it is no line."""

@@ -93,7 +93,7 @@ def read_columns(
     names, units : of all columns; empty: not stated. A unit may also be a part of a name.
     rows : (n, k) the first numbers; not finite is missing.
     options : of the user: ``columns``, ``rate_hz``, ``sensor``, ``units``, ``samples``, ``kind``.
-    source : text before the table, or its name: it may say of which sensor the rows are.
+    source : texts that may say of which sensor the rows are, the nearest first, a line each.
     stated_hz : Hz, rate that a comment states.
     dates : columns that were dates; their numbers are seconds.
 
@@ -126,9 +126,12 @@ class _ColumnReader:
     ) -> None:
         self._names = tuple(column.name for column in columns)
         self._columns, self._options, self._clock = columns, options, clock
-        words = words_of(source)
-        named = [word for word, part in (("gyro", "gyr"), ("accel", "acc")) if part in words]
-        self._hint = named[0] if len(named) == 1 else ""  # sensor that the text before the table says
+        words = map(words_of, source.split("\n"))
+        named = (
+            [word for word, part in (("gyro", "gyr"), ("accel", "acc")) if part in line] for line in words
+        )
+        # sensor that the nearest text says
+        self._hint = next((of_line[0] for of_line in named if len(of_line) == 1), "")
         self._remarks: list[str] = []
         self._given = self._given_uses()
         self._taken = {k for use in self._given.values() for k in use.columns}
@@ -486,7 +489,7 @@ class _ColumnReader:
             is_free = indices.issuperset(triple.indices) and not all(c.constant for c in triple.columns)
             if is_free and triple.known_quantity == "mag" and self._options.sensor is None:
                 uses.setdefault("mag", _use("mag", triple, triple.unit, "its unit is stated", certain=True))
-        for use in filter(None, map(_slow_sensor, free)):
+        for use in filter(None, map(_slow_sensor, sorted(free, key=lambda c: (c.constant, not c.unit)))):
             uses.setdefault(use.key, use)
         return uses
 
@@ -600,7 +603,8 @@ def _contradiction(triple: Triple, unit: str, known: Unit) -> str:
 def _moves(triple: Triple) -> bool:
     """Return whether the numbers of a triple change, and are no clocks."""
     columns = triple.columns
-    return not all(c.constant for c in columns) and not any(c.rises and TIME.search(c.words) for c in columns)
+    is_clock = all(c.rises for c in columns) or any(c.rises and TIME.search(c.words) for c in columns)
+    return not all(c.constant for c in columns) and not is_clock
 
 
 def _may_be_gyro(triple: Triple) -> bool:

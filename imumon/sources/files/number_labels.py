@@ -31,7 +31,10 @@ def number_labels(record: Sequence[PrintedLine]) -> tuple[tuple[str, ...], tuple
     """Return a name and a unit for each number of a record, by the text between the numbers."""
     labels = _Labels(any(_unit_behind(line.literals[-1]) for line in record))
     tail = ""  # text behind the last number of the lines before
+    texts: list[str] = []  # of each line with numbers, with the lines without any before it
     for line in record:
+        if line.values:
+            texts.append("\n".join([tail, *line.literals]))
         for k, literal in enumerate(line.literals):
             text = literal if k else f"{tail}\n{literal}"
             if k == len(line.values):
@@ -41,7 +44,8 @@ def number_labels(record: Sequence[PrintedLine]) -> tuple[tuple[str, ...], tuple
             labels.add(text, is_date=line.dates[k])
     if labels.names:
         labels.state_unit_behind(_unit_behind(tail))
-    return tuple(_distinct(labels.names, record)), tuple(labels.units)
+    counts = [len(line.values) for line in record if line.values]
+    return tuple(_distinct(labels.names, counts, texts)), tuple(labels.units)
 
 
 @dataclass(slots=True)
@@ -78,18 +82,22 @@ class _Labels:
                 text = text[word + len(behind) :]
         unit, label, container, assigned = _between(text)
         self.section = container or self.section
+        # behind a number, a bracket begins a list of its own
+        begins_list = bool(self.base) and not label and re.search(r"[\[({]\s*$", text) is not None
         if re.fullmatch(r"[xyzw]|[xyzw]-?axis|roll|pitch|yaw", label, re.IGNORECASE):
             name = f"{self.section} {label}".strip()
         elif label:
             name = self._begin_list(label, assigned=assigned)
         elif is_date:
             name = "time"
+        elif begins_list:
+            name, self.index = f"{self.base}[0]", 0
         elif self.was_assigned and not text.strip():  # a=1,b=2 3: no element of b
             name, self.base = "", ""
         else:
             name = self._next_element()
         self.was_assigned = text.rstrip().endswith("=")
-        continues = bool(self.units) and not label and self.sections[-1] == self.section
+        continues = bool(self.units) and not (label or begins_list) and self.sections[-1] == self.section
         self.names.append(name)
         self.units.append(unit or (self.units[-1] if continues else ""))
         self.sections.append(self.section)
@@ -122,16 +130,23 @@ class _Labels:
         return f"{self.base}[{self.index}]"
 
 
-def _distinct(names: Sequence[str], record: Sequence[PrintedLine]) -> list[str]:
-    """Return names of which those that come again have the words that only their line has."""
-    counts = Counter(names)
-    words = [list(dict.fromkeys(re.findall(r"[^\W\d_]{2,}", " ".join(line.literals)))) for line in record]
+def _distinct(names: Sequence[str], counts: Sequence[int], texts: Sequence[str]) -> list[str]:
+    """Return names of which those that come again have the words that only their line has, or the last one with such.
+
+    Parameters
+    ----------
+    counts : of the names of each line.
+    texts : of each line.
+    """
+    often = Counter(names)
+    words = [list(dict.fromkeys(re.findall(r"[^\W\d_]{2,}", text))) for text in texts]
     common = Counter(word for of_line in words for word in of_line)
     result: list[str] = []
-    for line, of_line in zip(record, words, strict=True):
-        describing = " ".join(word for word in of_line if common[word] == 1)
-        of_names = names[len(result) : len(result) + len(line.values)]
-        result += [f"{describing} {name}".strip() if counts[name] > 1 else name for name in of_names]
+    describing = ""
+    for count, of_line in zip(counts, words, strict=True):
+        describing = " ".join(word for word in of_line if common[word] == 1) or describing
+        of_names = names[len(result) : len(result) + count]
+        result += [f"{describing} {name}".strip() if often[name] > 1 else name for name in of_names]
     return result
 
 

@@ -37,9 +37,9 @@ from typing import Any
 
 import numpy as np
 
-from imumon.model.samples import Floats
+from imumon.model.samples import AXES, Floats
 from imumon.sources.files.base import RecordingError
-from imumon.sources.files.column_names import words_of
+from imumon.sources.files.column_names import names_sensor, words_of
 from imumon.sources.files.columns import MOST_COLUMNS
 from imumon.sources.files.date_reader import DateReader
 from imumon.sources.files.number_labels import PrintedLine, number_labels
@@ -74,8 +74,9 @@ _STAMP = (
     r"|\d{1,2}:\d{2}\.\d{1,9}"
     r"|\d{4}-\d{1,2}-\d{1,2}T\d{2}\.\d{2}\.\d{2}(?:\.\d{1,9})?"
 )
+_NO_INDEX = r"(?!(?<=\[)\d{1,2}\]\s*[:=]?\s*[-+.\d])"  # [0] 27 mg
 TOKEN = re.compile(
-    rf"(?<![\w.])(?P<stamp>{_STAMP})(?!:?\w)|(?:(?<![\w.^])|(?<=[A-Za-z_])(?=[-+]))(?P<number>{_N})(?![.]?\w*\d)"
+    rf"(?<![\w.])(?P<stamp>{_STAMP})(?!:?\w)|(?:(?<![\w.^])|(?<=[A-Za-z_])(?=[-+])){_NO_INDEX}(?P<number>{_N})(?![.]?\w*\d)"
     rf"|(?<![\w.])(?P<void>{_VOID})(?!\w)"
 )
 """A date or time of day, a number, or a word for none. Letters behind a number are its unit, unless
@@ -85,6 +86,9 @@ _CODE = re.compile(
     r"\*[0-9A-Fa-f]{2,8}(?=\s*\"?\s*$)|(?<=[:=,\[(\s])(?:true|false|True|False)(?!\w)|\b0x[0-9A-Fa-f]+\b"
 )
 """Checks, switches and bit fields: they differ from line to line and are no numbers."""
+
+_BYTES = re.compile(r"(?:\b[0-9A-F]{2}[ \t]+){3,}[0-9A-F]{2}\b")
+"""Bytes of a message, in hexadecimal."""
 
 
 def decoded(data: bytes) -> str:
@@ -109,7 +113,7 @@ class PrintedTable:
     names, units : of each number of a record; an empty unit is none. A unit may also be a part of the name.
     rows : (n, k) numbers of the records in the head; not finite is missing.
     begin : lines before the first record.
-    source : text before the table, and the values of codes: what it may be a table of.
+    source : what it may be a table of: the values of codes, then the text before the table, a line each.
     stated_hz : Hz, rate that this text states; None: it states none.
     dates : columns whose cells are dates or times of day; their numbers are seconds.
     separator : of cells; None with `pattern`: the text between the numbers divides them; None without: blanks do.
@@ -261,6 +265,8 @@ def _cell_tables(lines: Sequence[str], separator: str | None, decimal: bool) -> 
             text = f"it has {width:,} columns, more than {MOST_COLUMNS:,}"
             raise RecordingError("too_many_columns", text, "write a table with those of the sensor only")
         first = next((k for k, later in zip(of, of[2:], strict=False) if later - k == 2), of[0])
+        while _is_description(cells[first]) and first + 2 in of:
+            first += 1
         texts = [cells[k] for k in of if k >= first]
         tables_of_rows += _by_code(
             _cell_table(lines[:first], texts, separator, decimal), texts, lines[:first]
@@ -268,12 +274,24 @@ def _cell_tables(lines: Sequence[str], separator: str | None, decimal: bool) -> 
     return tables_of_rows
 
 
+def _is_description(row: Sequence[str]) -> bool:
+    """Return whether a row above the numbers says one thing of all columns: when they begin, their rate or count."""
+    filled = {cell for cell in row if cell}
+    return (
+        len(filled) == 1 and sum(map(bool, row)) >= len(AXES) and number_of(filled.pop()) not in (0.0, None)
+    )
+
+
 def _cell_table(
     above: Sequence[str], texts: Sequence[Sequence[str]], separator: str | None, decimal: bool
 ) -> PrintedTable:
     """Return the table of rows of cells below some lines."""
     width = len(texts[0])
-    names, units, header = _header(above, width, separator)
+    filled = width - (not any(row[-1] for row in texts))  # rows may end with a separator
+    names, units, header = _header(above, filled, separator)
+    if not any(map(names_sensor, names)) and (listed := _listed_names(above, filled)):
+        names = (*names[: filled - len(listed)], *listed)
+    names, units = (*names, *[""] * (width - filled)), (*units, *[""] * (width - filled))
     dates = tuple(k for k in range(width) if _are_dates([row[k] for row in texts]))
     return PrintedTable(
         names,
@@ -336,9 +354,26 @@ def _header(
         names = [f"{group} {name}".strip() for group, name in zip(_spread(above_it), names, strict=True)]
     # a name may span the columns of its axes, which are empty or have a number
     spanned = ["" if re.fullmatch(r"\d", name) else name for name in names]
-    if "" in spanned[:-1] and any(spanned):
+    if "" in spanned[1:-1] and any(spanned):
         names = _elements(_spread(spanned))
     return tuple(names), tuple(units or empty), above[header]
+
+
+_LISTED = re.compile(r"\W*(?:col\w*|ch\w*|field)?\s*\d+\s*[:.)=-]+\s*([^\W\d].*)", re.IGNORECASE)
+"""A line of a list, with a name behind a number."""
+
+
+def _listed_names(above: Sequence[str], width: int) -> list[str]:
+    """Return names that stand in lines of their own: behind a number, or before a line with a unit.
+
+    All columns are listed, or all but the first one, which is the time.
+    """
+    numbered = [match[1] for match in map(_LISTED.match, above) if match is not None]
+    lines = [line.strip("#% \t") for line in above]
+    before_units = [
+        f"{name} [{unit}]" for name, unit in pairwise(lines) if known_unit(unit) and not known_unit(name)
+    ]
+    return next((names for names in (numbered, before_units) if len(names) in (width, width - 1)), [])
 
 
 def _named_line(lines: Sequence[Sequence[str]]) -> tuple[int, Sequence[str]]:
@@ -440,14 +475,14 @@ def _by_code(table: PrintedTable, texts: Sequence[Sequence[str]], above: Sequenc
                     names=_described_names(above, table, value),
                     rows=table.rows[rows],
                     codes=((k, value),),
-                    source=f"{value} {table.source}",
+                    source=f"{value}\n{table.source}",
                 )
                 for value, rows in groups.items()
             ]
     columns = enumerate(zip(*texts, strict=True))
     constant = tuple((k, cells[0]) for k, cells in columns if _name_one_sensor(cells))
     # all rows so far are of the sensor that a column names
-    return [replace(table, codes=constant, source=" ".join([*(word for _, word in constant), table.source]))]
+    return [replace(table, codes=constant, source="\n".join([*(word for _, word in constant), table.source]))]
 
 
 def _name_one_sensor(cells: Sequence[str]) -> bool:
@@ -510,6 +545,8 @@ def _lexed(line: str, *, loose: bool) -> PrintedLine:
 
 def _template_tables(lines: Sequence[str]) -> Iterator[PrintedTable]:
     """Yield the tables of lines that are numbers in a fixed text."""
+    if any(re.search("[A-F]", bytes_of) for line in lines[:200] for bytes_of in _BYTES.findall(line)):
+        lines = [_BYTES.sub("\1", line) for line in lines]
     for loose in (False, True):
         parsed = [_lexed(line, loose=loose) for line in lines]
         ids = [line.literals for line in parsed]

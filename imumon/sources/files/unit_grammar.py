@@ -35,7 +35,7 @@ _WORDS = {
         "arcsec": math.radians(1.0 / 3600.0),
         "rev": 2.0 * math.pi,
     },
-    "length": {"m": 1.0},
+    "length": {"m": 1.0, "ft": 0.3048},
     "time": {"s": 1.0, "min": 60.0, "h": 3600.0, "day": 86400.0, "nano": 1e-9},
     "accel": {"g": STANDARD_GRAVITY, "gal": 1e-2},
     "gyro": {"dps": math.radians(1.0), "rps": 1.0, "dph": math.radians(1.0 / 3600.0), "rpm": math.pi / 30.0},

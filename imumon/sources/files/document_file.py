@@ -1,0 +1,101 @@
+"""Documents: named arrays in one object of JSON, and in text of Octave.
+
+A program that has its arrays in memory writes them as a whole: ``{"gyro": [[...], ...], "fs": 100}``, the object of a
+DataFrame, or ``save -text`` of Octave. Such a file is no lines of records. Its arrays go the way of those of
+`array_file`; a list of names beside an array of as many columns, with units or without, names these.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Iterator, Mapping
+from itertools import islice
+from typing import Any
+
+import numpy as np
+
+from imumon.sources.files.base import LONGEST_LINE
+from imumon.sources.files.column_names import FEWEST
+
+MOST_DOCUMENT = 1 << 25
+"""Bytes of an object of JSON, of which all is in memory: 20 times as much at worst. A longer one is read as text."""
+
+OCTAVE = b"# Created by Octave"
+"""First bytes of a text of Octave."""
+
+
+def json_arrays(path: str) -> dict[str, Any]:
+    """Return the arrays and numbers in a file that is one object of JSON; none: it is no such file."""
+    with open(path, "rb") as file:
+        if file.read(1) not in (b"{", b"[") or os.path.getsize(path) > MOST_DOCUMENT:
+            return {}
+        file.seek(0)
+        line = file.readline(LONGEST_LINE)
+        try:
+            # an object that ends in its line, and others behind it, is a record
+            if line.endswith(b"\n") and isinstance(json.loads(line), dict) and file.read(1):
+                return {}
+        except (ValueError, RecursionError):
+            pass
+        file.seek(0)
+        try:
+            arrays = dict(_arrays("", json.load(file), {}))
+        except (ValueError, RecursionError):
+            return {}
+    return arrays if any(len(array) > 1 for array in arrays.values()) else {}
+
+
+def _arrays(path: str, value: Any, beside: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
+    """Yield the arrays and numbers in a value of JSON by their paths; `beside` has the values beside it."""
+    if isinstance(value, dict) and len(value) >= FEWEST and all(key.isdigit() for key in value):
+        value = [*value.values()]  # a column of a DataFrame, by its index
+    if isinstance(value, dict):
+        for name, inner in value.items():
+            yield from _arrays(f"{path}.{name}" if path else name, inner, value)
+        return
+    if isinstance(value, bool) or not isinstance(value, int | float | list) or (path and value == []):
+        return
+    try:
+        array = np.array(value, np.float64)
+    except (ValueError, TypeError):  # of texts, objects, or rows of different lengths
+        return
+    names = next(filter(None, (_names(other, array.shape[-1:]) for other in beside.values())), ())
+    if array.ndim == 2 and names:
+        yield from zip(names, array.T, strict=True)
+    elif array.ndim == 0 or len(array) >= FEWEST or array.ndim == 2:
+        yield path, array.reshape(-1) if array.ndim == 0 else array
+
+
+def _names(value: Any, shape: tuple[int, ...]) -> list[str]:
+    """Return the names of columns in a list of texts, or of objects with a name and a unit; empty: it is none."""
+    if not isinstance(value, list) or (len(value),) != shape:
+        return []
+    if all(isinstance(each, str) for each in value):
+        return value
+    if not all(isinstance(each, dict) and isinstance(each.get("name"), str) for each in value):
+        return []
+    units = [each.get("units", each.get("unit", "")) for each in value]
+    return [
+        f"{each['name']} [{unit}]" if unit else each["name"] for each, unit in zip(value, units, strict=True)
+    ]
+
+
+def octave_arrays(path: str) -> dict[str, Any]:
+    """Return the matrices and scalars in a text of Octave."""
+    arrays: dict[str, Any] = {}
+    fields: dict[str, str] = {}
+    with open(path, encoding="utf-8", errors="replace") as file:
+        while line := file.readline(LONGEST_LINE):
+            key, colon, text = line.lstrip("# ").partition(":")
+            if line.startswith("#") and colon:
+                fields[key] = text.strip()
+            kind, name = fields.get("type", ""), fields.get("name", "")
+            if kind == "scalar" and not line.startswith("#") and line.strip():
+                arrays[name] = np.array([float(line)])
+            elif kind == "matrix" and key == "columns":
+                arrays[name] = np.loadtxt(islice(file, int(fields["rows"])), ndmin=2)
+            else:
+                continue
+            fields = {}
+    return arrays
