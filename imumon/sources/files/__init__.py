@@ -6,6 +6,8 @@ raw_capture       raw bytes of a device, read back
 capture_writer    raw bytes of a device, written to disk
 text_file         printed logs and tables as text
 printed_log       how they are printed: the tables in a text, and its rows in bulk
+text_cells        cells of a line, and the number in each
+column_header     names and units of columns, by the lines above
 number_labels     names of numbers, by the text before them
 record_reader     numbers of the records of a text, in bulk
 columns           which number is which channel, in which unit, and how certain that is

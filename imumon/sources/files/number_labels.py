@@ -1,20 +1,23 @@
 """Labels of numbers: the name and the unit of each number of a record, by the text between the numbers.
 
 A number is named by the text before it. A bare axis, and an element of a list, has the words before that, too. A unit
-is in brackets before a number, or behind it.
+is in brackets before a number, or behind it. Where the axes of a sensor come again, the record holds several samples.
 
 >>> line = PrintedLine(("Gyro x: ", " dps, y: ", " dps"), ("1", "2"), (False, False))
 >>> number_labels([line])
-(('Gyro x', 'Gyro y'), ('dps', 'dps'))
+(('Gyro x', 'Gyro y'), ('dps', 'dps'), ())
 """
 
 from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import TypeAlias
 
+from imumon.model.samples import AXES
+from imumon.sources.files.column_names import names_time
 from imumon.sources.files.unit_grammar import known_unit
 
 
@@ -27,8 +30,12 @@ class PrintedLine:
     dates: tuple[bool, ...]
 
 
-def number_labels(record: Sequence[PrintedLine]) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Return a name and a unit for each number of a record, by the text between the numbers."""
+Samples: TypeAlias = tuple[Mapping[str, int], ...]
+"""Places of the numbers of each sample of a record, by their names; none: the record is one sample."""
+
+
+def number_labels(record: Sequence[PrintedLine]) -> tuple[tuple[str, ...], tuple[str, ...], Samples]:
+    """Return a name and a unit for each number of a record, by the text between the numbers, and its samples."""
     labels = _Labels(any(_unit_behind(line.literals[-1]) for line in record))
     tail = ""  # text behind the last number of the lines before
     texts: list[str] = []  # of each line with numbers, with the lines without any before it
@@ -45,7 +52,7 @@ def number_labels(record: Sequence[PrintedLine]) -> tuple[tuple[str, ...], tuple
     if labels.names:
         labels.state_unit_behind(_unit_behind(tail))
     counts = [len(line.values) for line in record if line.values]
-    return tuple(_distinct(labels.names, counts, texts)), tuple(labels.units)
+    return tuple(_distinct(labels.names, counts, texts)), tuple(labels.units), samples_of(labels.names)
 
 
 @dataclass(slots=True)
@@ -86,6 +93,7 @@ class _Labels:
         begins_list = bool(self.base) and not label and re.search(r"[\[({]\s*$", text) is not None
         if re.fullmatch(r"[xyzw]|[xyzw]-?axis|roll|pitch|yaw", label, re.IGNORECASE):
             name = f"{self.section} {label}".strip()
+            self.base, self.index = name, 0
         elif label:
             name = self._begin_list(label, assigned=assigned)
         elif is_date:
@@ -117,7 +125,7 @@ class _Labels:
         name = " ".join(words[-2:] if len(words[-1]) == 1 else words[-1:]) if assigned else label
         self.index, self.base = 0, name
         stem = re.sub(r"[\s_.-]*\b[xyz]$", "", name, flags=re.IGNORECASE).strip()
-        self.section = stem or self.section
+        self.section = "" if names_time(stem) else stem or self.section
         return name
 
     def _next_element(self) -> str:
@@ -148,6 +156,56 @@ def _distinct(names: Sequence[str], counts: Sequence[int], texts: Sequence[str])
         of_names = names[len(result) : len(result) + count]
         result += [f"{describing} {name}".strip() if often[name] > 1 else name for name in of_names]
     return result
+
+
+AXIS = re.compile(r"(.*?)(?:[\s_.]*([xyz])|\[([012])\])", re.IGNORECASE)
+"""A name with an axis, or with the place of one in a list."""
+
+
+def samples_of(names: Sequence[str]) -> Samples:
+    """Return the samples of a record in which the axes of a sensor come again.
+
+    A number that is not repeated, and a time that is so more often, belongs to the samples behind it.
+
+    >>> samples_of(["t", "a[0]", "a[1]", "a[2]", "a[0]", "a[1]", "a[2]"])[1]
+    {'t': 0, 'a[0]': 4, 'a[1]': 5, 'a[2]': 6}
+    >>> samples_of(["t", "x[0]", "x[1]", "y[0]", "y[1]", "z[0]", "z[1]"])[1]
+    {'t': 0, 'x': 2, 'y': 4, 'z': 6}
+    """
+    lists = Counter(name.rpartition("[")[0] for name in names if name.endswith("]"))
+    of_axes = {
+        stem
+        for stem, count in lists.items()
+        if all(lists[f"{stem[:-1]}{axis}"] == count > 1 for axis in AXES)
+    }
+    names = [stem if (stem := name.rpartition("[")[0]) in of_axes else name for name in names]
+    places: dict[str, list[int]] = {}
+    for k, name in enumerate(names):
+        places.setdefault(name, []).append(k)
+    axes: dict[str, list[str]] = {}  # names of the axes of each sensor
+    for name in places:
+        if (match := AXIS.fullmatch(name)) is not None:
+            axes.setdefault(match[1].lower(), []).append(name)
+    repeats = {
+        stem: len(places[of[0]])
+        for stem, of in axes.items()
+        if len(of) == len(AXES) and len({len(places[name]) for name in of}) == 1
+    }
+    count = max(repeats.values(), default=1)
+    if count == 1:
+        return ()
+    repeated = [name for stem, of in axes.items() if repeats.get(stem) == count for name in of]
+    others = [
+        name for name in places if (match := AXIS.fullmatch(name)) is None or match[1].lower() not in repeats
+    ]
+    samples = []
+    for j in range(count):
+        first = min(places[name][j] for name in repeated)
+        before = {
+            name: max([k for k in places[name] if k < first], default=places[name][0]) for name in others
+        }
+        samples.append(before | {name: places[name][j] for name in repeated})
+    return tuple(samples)
 
 
 def _unit_behind(text: str) -> str:

@@ -25,25 +25,26 @@ fits the form becomes rows, every other line is counted (`imumon.ledger`).
 
 from __future__ import annotations
 
-import csv
 import math
 import re
 import warnings
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import groupby, pairwise
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
 
 from imumon.model.samples import AXES, Floats
 from imumon.sources.files.base import RecordingError
+from imumon.sources.files.column_header import are_names, described_names, elements, header_of, listed_names
 from imumon.sources.files.column_names import names_sensor, words_of
 from imumon.sources.files.columns import MOST_COLUMNS
 from imumon.sources.files.date_reader import DateReader
-from imumon.sources.files.number_labels import PrintedLine, number_labels
-from imumon.sources.files.unit_grammar import known_unit, stated_rate
+from imumon.sources.files.number_labels import AXIS, PrintedLine, Samples, number_labels
+from imumon.sources.files.text_cells import are_dates, cell_number, has_value, number_of, split
+from imumon.sources.files.unit_grammar import stated_rate
 
 LONGEST_PERIOD = 64
 """Lines of a record at most: a message of a topic with its covariances has about forty."""
@@ -63,8 +64,6 @@ FAR = 6.0
 TOO_LONG_BYTES = b"\xed\xbf\xbf"
 """Line in place of one that is too long: no text in UTF-8 has these bytes."""
 
-MISSING = {"", "nan", "na", "n/a", "null", "none", "-"}
-"""Contents of a cell without a number."""
 
 _N = r"[-+]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][-+]?\d+|[dD][-+]\d+)?"  # one way to match: a row has many
 _VOID = r"[-+]?(?:nan|NaN|NAN|null|None|inf|Infinity)"
@@ -123,6 +122,7 @@ class PrintedTable:
     pattern : of a record of one or more lines; empty: its parts are cells.
     lines : of a record.
     tail : lines of a record behind its last number, which the end of a text may lack.
+    samples : places, in a record, of the numbers of each sample in it; empty: a record is a sample.
     """
 
     names: tuple[str, ...]
@@ -139,6 +139,7 @@ class PrintedTable:
     pattern: str = ""
     lines: int = 1
     tail: str = ""
+    samples: tuple[tuple[int, ...], ...] = ()
 
 
 def tables(head: str) -> list[PrintedTable]:
@@ -158,47 +159,6 @@ def tables(head: str) -> list[PrintedTable]:
 
 
 # ---------------------------------------------------------------- cells
-
-_BEFORE_BRACKET = re.compile(r"[ \t]+(?=[\[(][^\d\s\])]*[A-Za-z°][^\[\](]*[\])])")
-
-
-def split(line: str, separator: str | None) -> list[str]:
-    """Return the cells of a line, without quotes and blanks around them.
-
-    >>> split('"a, b", 2,', ","), split("A_X [mg]  B", None), split("1;2,5", ";")
-    (['a, b', '2', ''], ['A_X [mg]', 'B'], ['1', '2,5'])
-    """
-    if separator is None:
-        return [cell.replace("\0", " ").strip("\"'") for cell in _BEFORE_BRACKET.sub("\0", line).split()]
-    cells = next(csv.reader([line], delimiter=separator), []) if '"' in line else line.split(separator)
-    return [cell.strip().strip("\"'").strip() for cell in cells]
-
-
-_FORTRAN = re.compile(r"^([-+]?\d*\.\d*)[dD](?=[-+]\d+$)")
-"""A number with the exponent that Fortran prints."""
-
-
-def number_of(cell: str, *, decimal: bool = False) -> float | None:
-    """Return the number in a cell; NaN where it says that there is none, None where it holds something else."""
-    text = cell.replace(",", ".") if decimal else cell
-    text = text.partition("*")[0] if "*" in text[:-2] else text  # 12.3*4F: a number with a check
-    try:
-        return float(_FORTRAN.sub(r"\1e", text))
-    except ValueError:
-        return math.nan if text.lower() in MISSING else None
-
-
-def _is_date(cell: str) -> bool:
-    try:
-        DateReader().seconds(cell)
-    except ValueError:
-        return False
-    return True
-
-
-def _has_value(cell: str, decimal: bool) -> bool:
-    """Return whether a cell holds a number or a date, or is empty."""
-    return number_of(cell, decimal=decimal) is not None or _is_date(cell)
 
 
 def _cell_form(body: Sequence[str]) -> tuple[str | None, bool] | None:
@@ -230,8 +190,8 @@ def _sample_cells(lines: Sequence[str], separator: str | None) -> list[str] | No
 
 def _are_mostly_values(cells: Sequence[str], separator: str | None, decimal: bool) -> bool:
     """Return whether most cells hold one number or date, and few a name with it."""
-    values = sum(_has_value(c, decimal) for c in cells)
-    several = sum(not _has_value(c, decimal) and _has_labelled_number(c) for c in cells)
+    values = sum(has_value(c, decimal) for c in cells)
+    several = sum(not has_value(c, decimal) and _has_labelled_number(c) for c in cells)
     # words between blanks are labels, unless they are in few cells
     fewest = 0.5 if separator is not None else REGULAR
     return values >= fewest * len(cells) and several < 0.1 * len(cells)
@@ -250,7 +210,7 @@ def _cell_tables(lines: Sequence[str], separator: str | None, decimal: bool) -> 
     cells = [split(line, separator) if line.strip() else [] for line in lines]
     rows: dict[tuple[int, bool], list[int]] = {}  # lines by width, and whether they begin with a word
     for k, row in enumerate(cells):
-        values = [_has_value(cell, decimal) for cell in row]
+        values = [has_value(cell, decimal) for cell in row]
         numbers = any(number_of(c, decimal=decimal) is not None and c for c in row)
         if numbers and sum(values) >= max(1, len(row) // 2):
             rows.setdefault((len(row), not values[0]), []).append(k)
@@ -288,11 +248,11 @@ def _cell_table(
     """Return the table of rows of cells below some lines."""
     width = len(texts[0])
     filled = width - (not any(row[-1] for row in texts))  # rows may end with a separator
-    names, units, header = _header(above, filled, separator)
-    if not any(map(names_sensor, names)) and (listed := _listed_names(above, filled)):
+    names, units, header = header_of(above, filled, separator)
+    if not any(map(names_sensor, names)) and (listed := listed_names(above, filled)):
         names = (*names[: filled - len(listed)], *listed)
     names, units = (*names, *[""] * (width - filled)), (*units, *[""] * (width - filled))
-    dates = tuple(k for k in range(width) if _are_dates([row[k] for row in texts]))
+    dates = tuple(k for k in range(width) if are_dates([row[k] for row in texts]))
     return PrintedTable(
         names,
         units,
@@ -305,15 +265,6 @@ def _cell_table(
         decimal,
         (),
         header,
-    )
-
-
-def _are_dates(cells: Sequence[str]) -> bool:
-    texts = [cell for cell in cells if cell.lower() not in MISSING][:20]
-    return (
-        bool(texts)
-        and not any(number_of(text) is not None for text in texts)
-        and all(map(_is_date, texts[-5:]))
     )
 
 
@@ -330,135 +281,6 @@ def _numbers(texts: Sequence[Sequence[str]], dates: Sequence[int], decimal: bool
     return np.array(columns).T.reshape(len(texts), -1)
 
 
-def cell_number(cell: str, reader: DateReader | None, decimal: bool) -> float | None:
-    if reader is None or cell.lower() in MISSING:
-        return number_of(cell, decimal=decimal)
-    try:
-        return reader.seconds(cell)
-    except ValueError:
-        return None
-
-
-def _header(
-    above: Sequence[str], width: int, separator: str | None
-) -> tuple[tuple[str, ...], tuple[str, ...], str]:
-    """Return the names and units of columns by the lines above the first row, and the line of the names."""
-    empty = ("",) * width
-    lines = [(k, row) for k, line in enumerate(above) if (row := _header_cells(line, width, separator))]
-    place, units = _named_line([cells for _, cells in lines])
-    if place < 0:
-        return empty, empty, ""
-    header, names = lines[place]
-    above_it = lines[place - 1][1] if place and lines[place - 1][0] == header - 1 else ()
-    if len(set(names)) < width and _are_groups(above_it):  # a sensor above its axes
-        names = [f"{group} {name}".strip() for group, name in zip(_spread(above_it), names, strict=True)]
-    # a name may span the columns of its axes, which are empty or have a number
-    spanned = ["" if re.fullmatch(r"\d", name) else name for name in names]
-    if "" in spanned[1:-1] and any(spanned):
-        names = _elements(_spread(spanned))
-    return tuple(names), tuple(units or empty), above[header]
-
-
-_LISTED = re.compile(r"\W*(?:col\w*|ch\w*|field)?\s*\d+\s*[:.)=-]+\s*([^\W\d].*)", re.IGNORECASE)
-"""A line of a list, with a name behind a number."""
-
-
-def _listed_names(above: Sequence[str], width: int) -> list[str]:
-    """Return names that stand in lines of their own: behind a number, or before a line with a unit.
-
-    All columns are listed, or all but the first one, which is the time.
-    """
-    numbered = [match[1] for match in map(_LISTED.match, above) if match is not None]
-    lines = [line.strip("#% \t") for line in above]
-    before_units = [
-        f"{name} [{unit}]" for name, unit in pairwise(lines) if known_unit(unit) and not known_unit(name)
-    ]
-    return next((names for names in (numbered, before_units) if len(names) in (width, width - 1)), [])
-
-
-def _named_line(lines: Sequence[Sequence[str]]) -> tuple[int, Sequence[str]]:
-    """Return the place of the line of names, -1 if there is none, and the units of a line of units."""
-    named = [k for k, cells in enumerate(lines) if are_names(cells)]
-    last = max(named, default=-1)
-    for k in range(len(lines) - 1, -1, -1):
-        if _are_units(lines[k]) and k - 1 in named:  # whatever is below them
-            return k - 1, lines[k]
-        if _are_units(lines[k]) and k < last:  # above the names, where the first cell may name the line
-            first, *others = lines[k]
-            return last, [first if known_unit(first) is not None else "", *others]
-    return last, ()
-
-
-def _described_names(above: Sequence[str], table: PrintedTable, word: str) -> tuple[str, ...]:
-    """Return the names in a comment on the rows of a word, such as # UncalGyro,utcTimeMillis; else those above all."""
-    pattern = rf"(?<![\w]){re.escape(word)}\s*{re.escape(table.separator or ' ')}(.*)"
-    for match in filter(None, (re.search(pattern, line) for line in above)):
-        cells = [word, *split(match[1].strip("'\" "), table.separator), ""]
-        if len(cells) > len(table.names):
-            return tuple(cells[: len(table.names)])
-    return table.names
-
-
-def _are_units(cells: Sequence[str]) -> bool:
-    """Return whether two cells or more, and half of those with a text, are units."""
-    return sum(known_unit(c) is not None for c in cells) >= max(2, sum(map(bool, cells)) // 2)
-
-
-def _are_groups(cells: Sequence[str]) -> bool:
-    """Return whether cells name groups of columns: some are empty, but not all."""
-    return "" in cells and any(cells)
-
-
-def _header_cells(line: str, width: int, separator: str | None) -> list[str] | None:
-    """Return the cells of a line if they are as many as those of a row; other separators count, too."""
-    text = re.sub(r"^\s*(?:#+|%+|//)\s*", "", line)
-    for other in dict.fromkeys((separator, ",", ";", "\t", None)):
-        cells = split(text, other)
-        while len(cells) > width and not cells[-1]:
-            cells.pop()
-        if (
-            separator is not None and abs(len(cells) - width) == 1
-        ):  # rows end with a separator, or have no comment
-            cells = [*cells, ""][:width]
-        if len(cells) == width:
-            return cells
-    return None
-
-
-def are_names(cells: Sequence[str]) -> bool:
-    """Return whether cells can be names: most hold a letter and no number or date; axes may have the names 1 and 2."""
-    texts = [cell for cell in cells if cell]
-    words = [cell for cell in texts if re.search(r"[^\W\d]", cell) and not _has_value(cell, False)]
-    return len(words) >= max(1.0, 0.5 * len(texts), 0.25 * len(cells)) and all(
-        len(cell) < 4 for cell in texts if cell not in words
-    )
-
-
-def _spread(cells: Sequence[str]) -> list[str]:
-    """Return cells of which an empty one has the name before it."""
-    result: list[str] = []
-    for cell in cells:
-        result.append(cell or (result[-1] if result else ""))
-    return result
-
-
-def _elements(names: Sequence[str]) -> list[str]:
-    """Return names of which those that occur several times one behind the other have a number, or the axis.
-
-    >>> _elements(["t", "a", "a", "gyro (z,x,y)", "gyro (z,x,y)"])
-    ['t', 'a[0]', 'a[1]', 'gyro z', 'gyro x']
-    """
-    result = []
-    for name, of in groupby(names):
-        count, order = len(list(of)), re.search(r"\(([xyz]),\s*([xyz]),\s*([xyz])\)", name)
-        for k in range(count):
-            axis = (
-                f"{name[: order.start()]}{order[k % 3 + 1]}{name[order.end() :]}" if order else f"{name}[{k}]"
-            )
-            result.append(axis if count > 1 and name else name)
-    return result
-
-
 def _by_code(table: PrintedTable, texts: Sequence[Sequence[str]], above: Sequence[str]) -> list[PrintedTable]:
     """Return a table, or one for each value of a column by which the numbers differ; a first word always divides."""
     for k in range(len(table.names)):
@@ -469,20 +291,28 @@ def _by_code(table: PrintedTable, texts: Sequence[Sequence[str]], above: Sequenc
         groups = {value: np.array([cell == value for cell in cells]) for value in counts}
         is_word = k == 0 and all(number_of(value) is None for value in counts)
         if is_word or _in_turn(table.names[k], cells) or _differ(table.rows, k, list(groups.values())):
-            return [
-                replace(
+            parts = {
+                value: replace(
                     table,
-                    names=_described_names(above, table, value),
+                    names=described_names(above, table.names, table.separator, value),
                     rows=table.rows[rows],
-                    codes=((k, value),),
+                    codes=(*table.codes, (k, value)),
                     source=f"{value}\n{table.source}",
                 )
                 for value, rows in groups.items()
+            }  # which may be of several sensors, too
+            return [
+                each
+                for value, part in parts.items()
+                for each in _by_code(part, [row for row in texts if row[k] == value], ())
             ]
     columns = enumerate(zip(*texts, strict=True))
-    constant = tuple((k, cells[0]) for k, cells in columns if _name_one_sensor(cells))
+    constant = tuple(
+        (k, cells[0]) for k, cells in columns if _name_one_sensor(cells) and (k, cells[0]) not in table.codes
+    )
     # all rows so far are of the sensor that a column names
-    return [replace(table, codes=constant, source="\n".join([*(word for _, word in constant), table.source]))]
+    source = "\n".join([*(word for _, word in constant), table.source])
+    return [replace(table, codes=(*table.codes, *constant), source=source)]
 
 
 def _name_one_sensor(cells: Sequence[str]) -> bool:
@@ -492,8 +322,8 @@ def _name_one_sensor(cells: Sequence[str]) -> bool:
 
 
 _DEVICE = re.compile(
-    r"(?:^| )(?:sensor|id|device|type|name|imu|topic|source|addr|address|node|instance|kind|channel|event|stream|label"
-    r"|i)(?: |$)"
+    r"(?:^| )(?:sensor|id|dev|device|type|name|imu|topic|source|addr|address|node|instance|kind|channel|event|stream"
+    r"|label|i)(?: |$)"
 )
 """Words of columns that name a sensor or a device."""
 
@@ -598,7 +428,7 @@ def _template_table(
     """Return the tables of the records that begin at a place, or of one line at each of several places."""
     begin = places[0]
     record = parsed[begin : begin + period]
-    names, units = number_labels(record)
+    names, units, samples = number_labels(record)
     if len(names) > MOST_COLUMNS:
         raise RecordingError(
             "too_many_columns",
@@ -627,7 +457,28 @@ def _template_table(
         lines=period,
         tail=tail,
     )
+    if samples and _are_of_one_sensor(table.rows, samples):
+        of_samples = tuple(tuple(sample.values()) for sample in samples)
+        rows = table.rows[:, of_samples].reshape(-1, len(samples[0]))
+        named = tuple(samples[0]), tuple(units[k] for k in of_samples[0])
+        dates = tuple(j for j, k in enumerate(of_samples[0]) if k in dates)
+        table = replace(table, names=named[0], units=named[1], rows=rows, dates=dates, samples=of_samples)
+        return [replace(table, pattern=_pattern(record, {}))]
     return [replace(each, pattern=_pattern(record, dict(each.codes))) for each in _by_code(table, texts, ())]
+
+
+def _are_of_one_sensor(rows: Floats, samples: Samples) -> bool:
+    """Return whether the axes of each sample of (n, k) records have one mean: two sensors of one name have two."""
+    stems = {name: match[1] for name in samples[0] if (match := AXIS.fullmatch(name)) is not None}
+    axes = [name for name, stem in stems.items() if [*stems.values()].count(stem) == len(AXES)]
+    first, *others = (rows[:, [sample[name] for name in axes]] for sample in samples)
+    return not any(_means_differ(first - other) for other in others)
+
+
+def _means_differ(differences: Floats) -> bool:
+    """Return whether the mean of some of (n, k) differences is significant."""
+    error = np.nanstd(differences, axis=0) / max(len(differences), 1) ** 0.5
+    return bool((np.abs(np.nanmean(differences, axis=0)) > FAR * error).any())
 
 
 def _pattern(record: Sequence[PrintedLine], codes: Mapping[int, str]) -> str:
@@ -657,5 +508,5 @@ def _list_header(
         for header in (split(text.lstrip("#% "), separator) for text in reversed(above)):
             if 1 < len(header) == len(counts) and are_names(header) and sum(counts) == len(names):
                 repeated = [name for name, n in zip(header, counts, strict=True) for _ in range(n)]
-                return tuple(_elements(repeated)), units
+                return tuple(elements(repeated)), units
     return names, units

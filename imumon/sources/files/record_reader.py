@@ -17,19 +17,18 @@ import numpy as np
 
 from imumon.model.errors import QUOTED
 from imumon.model.ledger import Ledger
-from imumon.model.samples import Floats
+from imumon.model.samples import Floats, Ints
 from imumon.sources.files.base import LONGEST_LINE, RecordingError
+from imumon.sources.files.column_header import are_names
 from imumon.sources.files.date_reader import DateReader
 from imumon.sources.files.printed_log import (
     TOKEN,
     TOO_LONG_BYTES,
     PrintedTable,
-    are_names,
-    cell_number,
     decoded,
     line_count,
-    split,
 )
+from imumon.sources.files.text_cells import cell_number, split
 
 INVALID_SHARE, INVALID_ROWS = 0.1, 10
 """Share of invalid rows above which a text is no table, and invalid rows that every table may have."""
@@ -71,8 +70,9 @@ class RecordReader:
         self._dates = {k: DateReader() for k in table.dates if k in self._columns}
         self._ledger = Ledger()
         used = sorted(set(self._columns))
-        # a template has a group for each number
-        self._groups = list(self._columns if table.pattern else map(used.index, self._columns))
+        # of the numbers of each sample in a record; a template has a group for each number
+        places = range(len(table.names)) if table.pattern else {k: j for j, k in enumerate(used)}
+        self._groups = [[sample[k] for k in self._columns] for sample in table.samples or (places,)]
         pattern = table.pattern or _cell_pattern(table, used)
         self._pattern = re.compile(pattern.encode(), re.MULTILINE)
         self._others = [re.compile(other.pattern.encode(), re.MULTILINE) for other in others if other.pattern]
@@ -99,10 +99,10 @@ class RecordReader:
         """What became of the lines that are no rows of numbers, by reason."""
         return self._ledger.counts(pending=self._rest_lines)
 
-    def read(self, block: bytes, first: int, *, last: bool) -> tuple[Floats, Sequence[int]]:
+    def read(self, block: bytes, first: int, *, last: bool) -> tuple[Floats, Sequence[int] | Ints]:
         """Return (n, k) numbers of the records in some lines, and (n,) the number of the line of each.
 
-        A lost row is NaN, and its line 0. Too many of them raise a `RecordingError`.
+        A lost row is NaN, and its line 0. Too many of them raise a `RecordingError`. A record may be several rows.
 
         Parameters
         ----------
@@ -117,7 +117,7 @@ class RecordReader:
         if regular is not None and len(regular) == count:
             self._begun = True
             rows: Floats = regular
-            places: Sequence[int] = range(first, first + count)
+            places: Sequence[int] | Ints = range(first, first + count)
         else:
             rows, places = self._by_pattern(block, first, last=last)
         self._read += len(rows)
@@ -182,7 +182,7 @@ class RecordReader:
 
     # ------------------------------------------------------------ any record
 
-    def _by_pattern(self, block: bytes, first: int, *, last: bool) -> tuple[Floats, Sequence[int]]:
+    def _by_pattern(self, block: bytes, first: int, *, last: bool) -> tuple[Floats, Ints]:
         block, first = self._rest + block, first - self._rest_lines
         self._rest, self._rest_lines = b"", 0
         if last:
@@ -192,7 +192,7 @@ class RecordReader:
         if len(matches) * lines == count:  # nothing is between the records
             self._ledger.add("part", len(matches) * (lines - 1))
             self._begun = self._begun or bool(matches)
-            return self._values(matches), range(first, first + count, lines)
+            return self._values(matches), self._of_samples(np.arange(first, first + count, lines))
         bounds = np.append(0, np.flatnonzero(np.frombuffer(block, np.uint8) == ord("\n")) + 1)
         starts = np.searchsorted(bounds, [match.start() for match in self._pattern.finditer(block)])
         lost = np.zeros(len(starts) + 1, np.int64)  # records before each one, and behind the last one
@@ -213,11 +213,15 @@ class RecordReader:
                 break
         self._begun = self._begun or bool(len(starts))
         self._ledger.add("part", len(starts) * (lines - 1))
-        where = np.repeat(np.arange(len(lost)), lost)
+        where = self._of_samples(np.repeat(np.arange(len(lost)), lost))
         return (
-            np.insert(self._values(matches), where, math.nan, axis=0),
-            np.insert(first + starts, where, 0).tolist(),
+            np.insert(self._values(matches), where * len(self._groups), math.nan, axis=0),
+            np.insert(self._of_samples(first + starts), where * len(self._groups), 0),
         )
+
+    def _of_samples(self, of_records: Ints) -> Ints:
+        """Return a number for each sample, of (n,) for each record."""
+        return np.repeat(of_records, len(self._groups))
 
     def _with_tail(self, block: bytes) -> bytes:
         """Return the last lines of a text, with those that the last record lacks behind its numbers."""
@@ -228,17 +232,21 @@ class RecordReader:
         return block + tail
 
     def _values(self, matches: Sequence[Any]) -> Floats:
-        """Return (n, k) numbers of the columns that are used."""
-        out = np.empty((len(matches), len(self._columns)))
+        """Return (n, k) numbers of the columns that are used, with the samples of a record one behind the other."""
+        out = np.empty((len(matches), len(self._groups), len(self._columns)))
         if matches and isinstance(matches[0], bytes):
             matches = [(match,) for match in matches]
-        for j, (k, group) in enumerate(zip(self._columns, self._groups, strict=True)):
-            try:
-                numbers = None if k in self._dates else [float(match[group]) for match in matches]
-            except ValueError:
-                numbers = None
-            out[:, j] = [self._number(match[group], k) for match in matches] if numbers is None else numbers
-        return out
+        for i, groups in enumerate(self._groups):
+            for j, (k, group) in enumerate(zip(self._columns, groups, strict=True)):
+                try:
+                    numbers = None if k in self._dates else [float(match[group]) for match in matches]
+                except ValueError:
+                    numbers = None
+                out[:, i, j] = (
+                    [self._number(match[group], k) for match in matches] if numbers is None else numbers
+                )
+        self._ledger.receive(len(matches) * (len(self._groups) - 1))
+        return out.reshape(-1, len(self._columns))
 
     def _number(self, text: bytes, column: int) -> float:
         number = cell_number(decoded(text).strip(), self._dates.get(column), self._table.decimal)

@@ -33,12 +33,12 @@ from imumon.sources.files.printed_log import (
     PrintedTable,
     decoded,
     line_count,
-    number_of,
     tables,
 )
 from imumon.sources.files.raw_capture import RawCapture
 from imumon.sources.files.record_reader import RecordReader
 from imumon.sources.files.table import Table
+from imumon.sources.files.text_cells import number_of
 from imumon.sources.files.unit_grammar import Unit
 
 SHOWN_BYTES = 1 << 17
@@ -145,7 +145,7 @@ class TextFile(Table):
         best = min(readings, key=lambda k: (len(sensors[k]) < len(INERTIAL), "gyro" not in sensors[k], k))
         if len(readings) == 1 or wanted:
             return printed[best], readings[best]
-        choices = {k: dict([list(labels[k].items())[-1]]) for k in readings}
+        choices = {k: _choice(k, printed, [*readings]) for k in readings}
         texts = {k: f"{option_text(where=choice)} ({'+'.join(sensors[k])})" for k, choice in choices.items()}
         others = ", ".join(text for k, text in texts.items() if k != best)
         reason = (
@@ -266,6 +266,16 @@ def _labels(place: int, table: PrintedTable) -> dict[str, str]:
     for k, code in table.codes[::-1]:
         labels |= {str(k + 1): code, table.names[k].strip() or str(k + 1): code}
     return labels
+
+
+def _choice(place: int, printed: Sequence[PrintedTable], places: Sequence[int]) -> dict[str, str]:
+    """Return by which columns and values one of some tables is chosen."""
+    codes = {
+        printed[place].names[k].strip() or str(k + 1): code
+        for k, code in printed[place].codes
+        if any((k, code) not in printed[other].codes for other in places)
+    }
+    return codes or {"table": str(place + 1)}
 
 
 def _are_chosen(labels: Mapping[str, str], wanted: Mapping[str, str]) -> bool:

@@ -33,8 +33,9 @@ from imumon.model.ledger import Ledger
 from imumon.model.report_json import plain
 from imumon.model.samples import AXES, LONGEST_NS, Floats, SampleBlock
 from imumon.sources.device import RESTART_NS
-from imumon.sources.files.printed_log import PrintedTable, number_of, split, tables
+from imumon.sources.files.printed_log import PrintedTable, tables
 from imumon.sources.files.sizes_at_rest import NOISIEST, is_one_g, median_size, sample_noise
+from imumon.sources.files.text_cells import number_of, split
 from imumon.sources.lines.line_columns import (
     LineColumns,
     columns_of,
@@ -190,6 +191,11 @@ class LineDecoder:
         except ImumonError:
             return
         for table in found:
+            if table.samples:
+                self._question = (
+                    self._question or "a record of the lines holds several samples: print one in each"
+                )
+                continue
             try:
                 reading = first_columns(table.names, table.units, table.rows, self._settings, self._rate_hz)
                 reading = replace(reading, uses=tuple(use for use in reading.uses if use.key != "rate"))

@@ -1,0 +1,73 @@
+"""Cells: what stands between the separators of a line, and the number or date in it."""
+
+from __future__ import annotations
+
+import csv
+import math
+import re
+from collections.abc import Sequence
+
+from imumon.sources.files.date_reader import DateReader
+
+MISSING = {"", "nan", "na", "n/a", "null", "none", "-"}
+"""Contents of a cell without a number."""
+
+
+_BEFORE_BRACKET = re.compile(r"[ \t]+(?=[\[(][^\d\s\])]*[A-Za-z°][^\[\](]*[\])])")
+
+
+def split(line: str, separator: str | None) -> list[str]:
+    """Return the cells of a line, without quotes and blanks around them.
+
+    >>> split('"a, b", 2,', ","), split("A_X [mg]  B", None), split("1;2,5", ";")
+    (['a, b', '2', ''], ['A_X [mg]', 'B'], ['1', '2,5'])
+    """
+    if separator is None:
+        return [cell.replace("\0", " ").strip("\"'") for cell in _BEFORE_BRACKET.sub("\0", line).split()]
+    cells = next(csv.reader([line], delimiter=separator), []) if '"' in line else line.split(separator)
+    return [cell.strip().strip("\"'").strip() for cell in cells]
+
+
+_FORTRAN = re.compile(r"^([-+]?\d*\.\d*)[dD](?=[-+]\d+$)")
+"""A number with the exponent that Fortran prints."""
+
+
+def number_of(cell: str, *, decimal: bool = False) -> float | None:
+    """Return the number in a cell; NaN where it says that there is none, None where it holds something else."""
+    text = cell.replace(",", ".") if decimal else cell
+    text = text.partition("*")[0] if "*" in text[:-2] else text  # 12.3*4F: a number with a check
+    try:
+        return float(_FORTRAN.sub(r"\1e", text))
+    except ValueError:
+        return math.nan if text.lower() in MISSING else None
+
+
+def is_date(cell: str) -> bool:
+    try:
+        DateReader().seconds(cell)
+    except ValueError:
+        return False
+    return True
+
+
+def has_value(cell: str, decimal: bool) -> bool:
+    """Return whether a cell holds a number or a date, or is empty."""
+    return number_of(cell, decimal=decimal) is not None or is_date(cell)
+
+
+def are_dates(cells: Sequence[str]) -> bool:
+    texts = [cell for cell in cells if cell.lower() not in MISSING][:20]
+    return (
+        bool(texts)
+        and not any(number_of(text) is not None for text in texts)
+        and all(map(is_date, texts[-5:]))
+    )
+
+
+def cell_number(cell: str, reader: DateReader | None, decimal: bool) -> float | None:
+    if reader is None or cell.lower() in MISSING:
+        return number_of(cell, decimal=decimal)
+    try:
+        return reader.seconds(cell)
+    except ValueError:
+        return None
