@@ -95,6 +95,8 @@ def octave_arrays(path: str) -> dict[str, Any]:
                 arrays[name] = np.array([float(line)])
             elif kind == "matrix" and key == "columns":
                 arrays[name] = np.loadtxt(islice(file, int(fields["rows"])), ndmin=2)
+                if len(arrays[name]) != int(fields["rows"]):
+                    raise ValueError("rows are missing")
             else:
                 continue
             fields = {}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import tracemalloc
 from collections import Counter
 from collections.abc import Callable
@@ -47,6 +48,23 @@ def columns() -> dict[str, np.ndarray]:
     return {name: ROWS[:, k] for k, name in enumerate(("t", "gx", "gy", "gz", "ax", "ay", "az"))}
 
 
+UNITS = {"t": "s", **{f"g{a}": "rad/s" for a in "xyz"}, **{f"a{a}": "m/s^2" for a in "xyz"}}
+
+
+def lists() -> dict[str, Any]:
+    return {
+        "gyro": GYRO.tolist(),
+        "accel": {axis: column.tolist() for axis, column in zip("xyz", ACCEL.T, strict=True)},
+    }
+
+
+OCTAVE = "# Created by Octave 6.4\n" + "".join(
+    f"# name: {name}\n# type: matrix\n# rows: {len(array)}\n# columns: {array.shape[1]}\n"
+    + "".join(f" {' '.join(map(repr, row))}\n" for row in array.tolist())
+    + "\n\n"
+    for name, array in (("t", T[:, None]), ("gyro", GYRO), ("accel", ACCEL))
+)
+
 WRITERS: dict[str, Callable[[Path], Any]] = {
     "three.npz": lambda path: np.savez_compressed(path, t=T, gyro=GYRO, accel=ACCEL),
     "by_column.npz": lambda path: np.savez(
@@ -73,6 +91,7 @@ WRITERS: dict[str, Callable[[Path], Any]] = {
             "Fs": {"Acc": 1.0 / (T[1] - T[0])},
         },
     ),
+    "octave.txt": lambda path: path.write_text(OCTAVE),
     "a.parquet": lambda path: parquet(path, name=["a"] * len(T), **columns()),
     "stamps.parquet": lambda path: parquet(
         path, **{**columns(), "t": np.rint(1.7e9 * 1e9 + T * 1e9).astype("datetime64[ns]")}
@@ -80,9 +99,20 @@ WRITERS: dict[str, Callable[[Path], Any]] = {
 }
 
 
-@pytest.mark.parametrize("name", WRITERS)
+DOCUMENTS: dict[str, Callable[[Path], Any]] = {
+    "columns.json": lambda path: path.write_text(json.dumps({"dt_ms": 10, "t": T.tolist(), **lists()})),
+    "rows.json": lambda path: path.write_text(
+        json.dumps({"sensors": [{"name": n, "unit": u} for n, u in UNITS.items()], "values": ROWS.tolist()})
+    ),
+    "frame.json": lambda path: path.write_text(
+        json.dumps({n: dict(enumerate(c.tolist())) for n, c in zip(UNITS, ROWS.T, strict=True)}, indent=1)
+    ),
+}
+
+
+@pytest.mark.parametrize("name", [*WRITERS, *DOCUMENTS])
 def test_arrays_with_names_are_read(tmp_path: Path, name: str) -> None:
-    WRITERS[name](tmp_path / name)
+    (WRITERS | DOCUMENTS)[name](tmp_path / name)
     block = read(tmp_path / name)
     assert np.allclose(block.values, np.hstack([GYRO, ACCEL]), rtol=1e-9)
     assert block.time_ns is not None
@@ -121,6 +151,14 @@ def test_arrays_of_two_lengths_are_read_one_by_one(tmp_path: Path) -> None:
     report, remarks = replayed(path)
     assert report.session.samples == 500
     assert "t_accel, accel_x" in remarks
+
+
+@pytest.mark.parametrize("name", DOCUMENTS)
+def test_a_document_that_is_cut_is_refused(tmp_path: Path, name: str) -> None:
+    DOCUMENTS[name](tmp_path / name)
+    (tmp_path / name).write_bytes((tmp_path / name).read_bytes()[:-1000])
+    with pytest.raises(RecordingError):
+        read(tmp_path / name)
 
 
 @pytest.mark.parametrize("name", WRITERS)

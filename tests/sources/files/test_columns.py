@@ -77,6 +77,15 @@ def test_a_name_states_its_unit_in_brackets_or_as_a_suffix(name: str, unit: str)
     assert known_unit(stated) == known_unit(unit)
 
 
+def test_a_name_and_a_unit_of_different_sensors_are_a_question() -> None:
+    """A phone computes gravity, which hardly moves: gx to gz in m/s^2 are no gyroscope, and not the accelerometer."""
+    gravity = ACCEL.mean(axis=0) + 1e-5 * ACCEL
+    names = "t_ms,gx [m/s^2],gy [m/s^2],gz [m/s^2]"
+    assert not read(names, 10 * STEP, gravity).certain
+    both = read(names + ",ax [m/s^2],ay [m/s^2],az [m/s^2]", 10 * STEP, gravity, ACCEL)
+    assert (both.map, both.certain) == ("accel=ax,ay,az:m/s^2,t=t:ms", True)
+
+
 def test_what_is_stated_is_certain() -> None:
     reading = read("t_ms,gx_dps,gy_dps,gz_dps,ax_g,ay_g,az_g", 10 * STEP, GYRO / DEG, ACCEL / G)
     assert reading.certain
