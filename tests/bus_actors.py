@@ -1,6 +1,6 @@
 """Actors for the tests of the bus: a daemon and a subscriber in processes of their own.
 
-Run as ``python bus_actors.py ROLE JSON``. An actor prints one JSON object per line, the first one when it is
+Run as ``python -m bus_actors ROLE JSON``. An actor prints one JSON object per line, the first one when it is
 ready, and executes the lines that it reads.
 """
 
@@ -15,10 +15,9 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from functools import partial
-from pathlib import Path
 from typing import Any
 
-from forked import Forked
+from forked import ForkedModule
 from waiting import until
 
 from imumon.model.coefficients import Estimate
@@ -161,29 +160,23 @@ class Actor:
     """A process with a role; a thread reads what it prints."""
 
     def __init__(self, role: str, **arguments: Any) -> None:
-        (input_end, into), (out, out_end) = os.pipe(), os.pipe()
-        words, here = [role, json.dumps(arguments)], {"PYTHONPATH": str(Path(__file__).parent)}
-        self.process = Forked(words, (input_end, out_end, 2), environment=here, module="bus_actors")
-        os.close(input_end)
-        os.close(out_end)
-        self._input = os.fdopen(into, "w")
+        self.process = ForkedModule("bus_actors", role, json.dumps(arguments))
         self.messages: list[dict[str, Any]] = []
-        self._thread = threading.Thread(target=self._listen, args=(out,), daemon=True)
+        self._thread = threading.Thread(target=self._listen, daemon=True)
         self._thread.start()
 
-    def _listen(self, output: int) -> None:
-        with os.fdopen(output) as lines:
-            for line in lines:
-                self.messages.append(json.loads(line))
+    def _listen(self) -> None:
+        for line in self.process.stdout:
+            self.messages.append(json.loads(line))
 
     def ready(self) -> Actor:
         until(lambda: self.messages or self.process.poll() is not None)
-        assert self.messages
+        assert self.messages, "the actor has ended; its standard error says why"
         return self
 
     def send(self, line: str) -> None:
-        self._input.write(line + "\n")
-        self._input.flush()
+        self.process.stdin.write(line + "\n")
+        self.process.stdin.flush()
 
     def request(self, line: str) -> dict[str, Any]:
         before = len(self.messages)
@@ -201,7 +194,8 @@ class Actor:
         self.process.wait(60)
         self._thread.join(60)
         with suppress(OSError):
-            self._input.close()
+            self.process.stdin.close()
+        self.process.stdout.close()
 
 
 @contextmanager

@@ -121,15 +121,23 @@ class Forked:
         self.send_signal(signal.SIGKILL)
 
 
-class ForkedEmulator(Forked):
-    """Process of an emulator, for `EmulatorProcess`, which would start it as `python -m`."""
+class ForkedModule(Forked):
+    """A module, as by `python -m`, with pipes to its standard input and output."""
 
-    def __init__(self, settings: Any, module: str = EMULATOR) -> None:
+    def __init__(self, module: str, *words: str) -> None:
         (input_end, into), (out, out_end) = os.pipe(), os.pipe()
-        super().__init__([pickle.dumps(settings).hex()], (input_end, out_end, 2), module=module)
+        path = {"PYTHONPATH": str(Path(__file__).parent)}
+        super().__init__(words, (input_end, out_end, 2), environment=path, module=module)
         os.close(input_end)
         os.close(out_end)
         self.stdin, self.stdout = os.fdopen(into, "w"), os.fdopen(out)
+
+
+class ForkedEmulator(ForkedModule):
+    """Process of an emulator, for `EmulatorProcess`, which would start it as `python -m`."""
+
+    def __init__(self, settings: Any, module: str = EMULATOR) -> None:
+        super().__init__(module, pickle.dumps(settings).hex())
 
 
 class ChildEmulator:

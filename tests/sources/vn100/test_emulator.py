@@ -233,8 +233,7 @@ def test_the_emulator_exits_with_its_parent() -> None:
 @pytest.mark.parametrize(("number", "code"), [(signal.SIGTERM, 0), (signal.SIGINT, 130)])
 def test_signals_end_the_emulator_and_remove_the_link(number: int, code: int, tmp_path: Path) -> None:
     link = tmp_path / "vn100"
-    command = [sys.executable, "-m", "imumon", "sim", "--link", str(link)]
-    process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
+    process = forked.ForkedModule("imumon", "sim", "--link", str(link))
     path = process.stdout.readline().strip()
     assert os.readlink(link) == path
     process.send_signal(number)
