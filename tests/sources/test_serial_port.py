@@ -26,7 +26,7 @@ from imumon.sources.ports import PortInfo, find_again
 from imumon.sources.serial_port import SerialPort
 
 
-def gather(port: SerialPort, size: int, seconds: float = 5.0) -> bytes:
+def gather(port: SerialPort, size: int, seconds: float = 60.0) -> bytes:
     """Return at most this many bytes of a port."""
     data, deadline = b"", time.monotonic() + seconds
     while len(data) < size and time.monotonic() < deadline:

@@ -72,7 +72,7 @@ def sent(sender: socket.socket, port: int, count: int, value: int) -> None:
 
 def test_of_two_senders_of_datagrams_the_first_is_the_sensor(monkeypatch: pytest.MonkeyPatch) -> None:
     """The lines of the other are counted. One that was started again has another port of the same address."""
-    monkeypatch.setattr("imumon.sources.ports.SENDER_S", 0.3)
+    monkeypatch.setattr("imumon.sources.ports.SENDER_S", 60.0)
     port = free_port()
     with SerialPort(f"udp://:{port}") as reader, ExitStack() as sockets:
         first, other, far = (
@@ -89,7 +89,7 @@ def test_of_two_senders_of_datagrams_the_first_is_the_sensor(monkeypatch: pytest
         assert reader.has_rival
         monkeypatch.setattr("imumon.sources.ports.RIVAL_S", 0.1)
         assert until(lambda: not reader.has_rival)
-        time.sleep(0.4)
+        monkeypatch.setattr("imumon.sources.ports.SENDER_S", 0.0)
         sent(far, port, 10, 3)  # of another address: it never follows
         sent(other, port, 10, 2)
         assert received(reader, 10) == {b"2": 10}
