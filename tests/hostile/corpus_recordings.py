@@ -39,18 +39,18 @@ def with_long_lines(place: Path) -> Path:
 
 
 TABLES = (
-    Hostile("recording", "line-without-an-end", file("a.csv", lambda: HEAD + b"1," * (4 << 20)), "line_too_long"),
-    Hostile("recording", "lines-that-are-too-long", with_long_lines, "400 samples", says="first line 201"),
+    Hostile("line-without-an-end", file("a.csv", lambda: HEAD + b"1," * (4 << 20)), "line_too_long"),
+    Hostile("lines-that-are-too-long", with_long_lines, "400 samples", says="first line 201"),
     Hostile(
-        "recording", "header-of-7000-columns",
+        "header-of-7000-columns",
         file("a.csv", lambda: ",".join(["gyro_x"] * 7000) + "\n" + ",".join("1" * 7000) + "\n"), "too_many_columns",
         seconds=2.0,
     ),
     Hostile(
-        "recording", "escapes-in-an-unused-column", lambda place: table(place, header=[*NAMES, "mag\x1b\x9b_x"]),
+        "escapes-in-an-unused-column", lambda place: table(place, header=[*NAMES, "mag\x1b\x9b_x"]),
         "300 samples",
     ),
-    Hostile("recording", "escapes-in-a-missing-file", lambda place: place / f"{ESCAPES}.csv", "not_readable"),
+    Hostile("escapes-in-a-missing-file", lambda place: place / f"{ESCAPES}.csv", "not_readable"),
 )  # fmt: skip
 
 
@@ -72,9 +72,9 @@ def pipe_in_a_bag(place: Path) -> Path:
 
 
 KINDS_OF_FILES = (
-    Hostile("recording", "endless-device", lambda place: Path("/dev/zero"), "not_readable"),
-    Hostile("recording", "pipe-beside-a-capture", pipe_beside_a_capture, "no_messages"),
-    Hostile("recording", "pipe-in-a-bag", pipe_in_a_bag, "bag_corrupt"),
+    Hostile("endless-device", lambda place: Path("/dev/zero"), "not_readable"),
+    Hostile("pipe-beside-a-capture", pipe_beside_a_capture, "no_messages"),
+    Hostile("pipe-in-a-bag", pipe_in_a_bag, "bag_corrupt"),
 )
 
 
@@ -108,17 +108,17 @@ def gzip_bomb(place: Path) -> Path:
 
 MORE_THAN_A_FILE_HOLDS = (
     Hostile(
-        "recording", "archive-that-claims-2^124-numbers",
+        "archive-that-claims-2^124-numbers",
         archive(lambda: npz_header((2**62, 2**62)) + bytes(24)), "npz_corrupt", says="is corrupt",
     ),
     Hostile(
-        "recording", "archive-of-288-MB-of-zeros",
+        "archive-of-288-MB-of-zeros",
         archive(lambda: npz_header((12 << 20, 3)) + bytes(288 << 20), zipfile.ZIP_DEFLATED), "npz_corrupt",
         memory=400 << 20,
     ),
-    Hostile("recording", "gzip-bomb-of-rows", gzip_bomb, "no_sensor", memory=32 << 20),
+    Hostile("gzip-bomb-of-rows", gzip_bomb, "no_sensor", memory=32 << 20),
     Hostile(
-        "recording", "gzip-of-20000-empty-members",
+        "gzip-of-20000-empty-members",
         file("a.csv.gz", lambda: gzip.compress(b"") * 20_000 + gzip.compress(b"a,b\n")), "no_rows", seconds=2.5,
     ),
 )  # fmt: skip
@@ -129,11 +129,11 @@ MORE_THAN_A_FILE_HOLDS = (
 MARK = b"#imumon-recording "
 CAPTURES = (
     Hostile(
-        "recording", "capture-of-an-unknown-driver", file("a.bin", capture(b'{"driver": "\\u001b]0;owned"}')),
+        "capture-of-an-unknown-driver", file("a.bin", capture(b'{"driver": "\\u001b]0;owned"}')),
         "unknown_device_scheme",
     ),
     Hostile(
-        "recording", "capture-of-30000-pieces", file("a.bin", lambda: (MARK + b'{"run": "a"}\nx') * 30_000),
+        "capture-of-30000-pieces", file("a.bin", lambda: (MARK + b'{"run": "a"}\nx') * 30_000),
         "no_messages", seconds=2.5,
     ),
 )  # fmt: skip
@@ -189,37 +189,9 @@ def endless_view(place: Path) -> Path:
 
 
 IN_BAGS = (
-    Hostile("recording", "bag-of-expanding-yaml", yaml_bomb, "bag_corrupt", says="cannot be read as a bag"),
-    Hostile(
-        "recording", "bag-of-an-endless-view", endless_view, "bag_corrupt", says="cannot be read as a bag"
-    ),
-    Hostile("recording", "bag-of-expanding-chunks", mcap_bomb, "bag_corrupt", says="cannot be read as a bag"),
+    Hostile("bag-of-expanding-yaml", yaml_bomb, "bag_corrupt", says="cannot be read as a bag"),
+    Hostile("bag-of-an-endless-view", endless_view, "bag_corrupt", says="cannot be read as a bag"),
+    Hostile("bag-of-expanding-chunks", mcap_bomb, "bag_corrupt", says="cannot be read as a bag"),
 )
 
 RECORDINGS = (*TABLES, *KINDS_OF_FILES, *MORE_THAN_A_FILE_HOLDS, *CAPTURES, *IN_BAGS)
-
-SETTINGS = (
-    Hostile(
-        "settings", "escapes-in-a-key", file("config.toml", lambda: '"a\\u001b]0;x\\u0007" = 1'), "faults"
-    ),
-    Hostile("settings", "large", file("config.toml", lambda: "#\n" * 1_000_000), "faults", seconds=3.0),
-    Hostile("settings", "endless-device", lambda place: Path("/dev/zero"), "faults", says="larger"),
-    Hostile("settings", "empty-device", lambda place: Path("/dev/null"), "read"),
-)
-"""Hostile settings of a user."""
-
-
-def sparse(place: Path) -> Path:
-    """Write a file of 1 TB that takes no place on the disk."""
-    path = place / "report.json"
-    with path.open("wb") as out:
-        out.write(b"{")
-        out.truncate(1 << 40)
-    return path
-
-
-SAVED = (
-    Hostile("saved-report", "escapes", file("a\x1b]0;owned\x07.json", lambda: '{"\x1b]0;owned\x07": 1}'), "refused"),
-    Hostile("saved-report", "escapes-in-a-missing-file", lambda place: place / "none\x1b[2J", "refused"),
-    Hostile("saved-report", "1-TB", sparse, "refused", says="not a saved report"),
-)  # fmt: skip

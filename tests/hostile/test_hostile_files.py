@@ -15,8 +15,9 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from corpus_recordings import MARK, RECORDINGS, SAVED, SETTINGS, capture, table
-from hostile_input import Hostile, file, go_through, little_memory, rows
+from commands import imumon
+from corpus_recordings import MARK, RECORDINGS, capture, table
+from hostile_input import Hostile, check, file, little_memory, printable
 from recordings import IN_PROCESS, WRITERS, text
 from tables import options, read, truth
 
@@ -30,9 +31,33 @@ from imumon.sources.files.recording import Recording
 
 
 @pytest.mark.timeout(150)
-@pytest.mark.parametrize("hostile", rows((*RECORDINGS, *SETTINGS, *SAVED)))
-def test_a_hostile_file_does_what_the_corpus_says(hostile: Hostile, tmp_path: Path) -> None:
-    go_through(hostile, tmp_path)
+@pytest.mark.few
+@pytest.mark.parametrize("hostile", RECORDINGS, ids=lambda hostile: hostile.name)
+def test_a_hostile_recording_does_what_the_corpus_says(hostile: Hostile, tmp_path: Path) -> None:
+    check(hostile, tmp_path)
+
+
+def sparse(place: Path) -> Path:
+    """Write a file of 1 TB that takes no place on the disk."""
+    path = place / "report.json"
+    with path.open("wb") as out:
+        out.write(b"{")
+        out.truncate(1 << 40)
+    return path
+
+
+@pytest.mark.parametrize(
+    "make",
+    [
+        file("a\x1b]0;owned\x07.json", lambda: '{"\x1b]0;owned\x07": 1}'),
+        lambda place: place / "none\x1b[2J",
+        sparse,
+    ],
+    ids=["escapes", "escapes in a missing file", "1 TB"],
+)
+def test_a_hostile_report_is_refused_in_printable_words(make: Callable[[Path], Path], tmp_path: Path) -> None:
+    with little_memory(1 << 30):
+        printable(imumon("report", make(tmp_path), code=1).rstrip("\n"))
 
 
 # ---------------------------------------------------------------------- more than one file or process
