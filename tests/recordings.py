@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from bags import messages, write_bag1, write_bag2, write_checked_mcap
+from bags import messages, write_checked_mcap, write_imu
 from logs import COMBINED, DataFlash, ulog
 
 Samples = tuple[np.ndarray, np.ndarray, np.ndarray]
@@ -78,10 +78,10 @@ WRITERS: dict[str, Callable[[Path, Samples], Path]] = {
     "a.npz": archive,
     "a.mat": matlab,
     "a.parquet": parquet,
-    "a.bag": lambda path, samples: write_bag1(path, messages(*samples)),
-    "bag2": lambda path, samples: write_bag2(path, messages(*samples)),
+    "a.bag": lambda path, samples: write_imu(path, messages(*samples), "ROS1"),
+    "bag2": lambda path, samples: write_imu(path, messages(*samples)),
     "mcap": lambda path, samples: write_checked_mcap(path, messages(*samples)),
-    "mcap without checksums": lambda path, samples: write_bag2(path, messages(*samples), "MCAP"),
+    "mcap without checksums": lambda path, samples: write_imu(path, messages(*samples), "MCAP"),
     "a.ulg": px4,
     "a.BIN": ardupilot,
 }

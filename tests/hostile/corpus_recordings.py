@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from bags import messages, write_bag2
+from bags import messages, write_imu
 from hostile_input import ESCAPES, Hostile, file
 from tables import csv, truth
 
@@ -66,7 +66,7 @@ def pipe_beside_a_capture(place: Path) -> Path:
 
 
 def pipe_in_a_bag(place: Path) -> Path:
-    bag = write_bag2(place / "bag", messages(*truth(3)))
+    bag = write_imu(place / "bag", messages(*truth(3)))
     os.mkfifo(bag / "more")
     return bag
 
@@ -168,7 +168,7 @@ def mcap_bomb(place: Path) -> Path:
 
 def yaml_bomb(place: Path) -> Path:
     """Write a bag whose description expands to 9^11 entries."""
-    bag = write_bag2(place / "bag", messages(*truth(3)))
+    bag = write_imu(place / "bag", messages(*truth(3)))
     lines = ["a0: &a0 {x: 1, y: 2}"]
     lines += [f"a{k}: &a{k} {{<<: [{','.join([f'*a{k - 1}'] * 9)}]}}" for k in range(1, 12)]
     (bag / "metadata.yaml").write_text("\n".join(lines))
@@ -177,7 +177,7 @@ def yaml_bomb(place: Path) -> Path:
 
 def endless_view(place: Path) -> Path:
     """Write a bag whose table of definitions is a view without an end."""
-    path = next(write_bag2(place / "bag", messages(*truth(3))).glob("*.db3"))
+    path = next(write_imu(place / "bag", messages(*truth(3))).glob("*.db3"))
     with sqlite3.connect(path) as base:
         base.execute("DROP TABLE message_definitions")
         endless = "WITH RECURSIVE n(i) AS (SELECT 1 UNION ALL SELECT i + 1 FROM n)"

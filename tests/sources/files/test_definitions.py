@@ -5,10 +5,13 @@ from __future__ import annotations
 import json
 import sqlite3
 import struct
+from contextlib import closing
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
+from bags import write_bag
 from commands import imumon
 from tables import csv, replayed, truth
 
@@ -108,24 +111,19 @@ RATES = "std_msgs/Header header\nfloat64[3] angularrate\ngeometry_msgs/Vector3 a
 
 def bag_without_definitions(path: Path) -> Path:
     """Write a bag as rosbag2 of Humble does: a database without definitions."""
-    from rosbags import rosbag2
-    from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-    store = get_typestore(Stores.ROS2_HUMBLE)
-    store.register(get_types_from_msg(RATES, "vendor_msgs/msg/Rates"))
-    types = store.types
-    time, header = types["builtin_interfaces/msg/Time"], types["std_msgs/msg/Header"]
-    vector = types["geometry_msgs/msg/Vector3"]
-    with rosbag2.Writer(path, version=9, storage_plugin=rosbag2.StoragePlugin.SQLITE3) as bag:
-        connection = bag.add_connection("/rates", "vendor_msgs/msg/Rates", typestore=store)
-        for t, g, a in zip(NS.tolist(), GYRO, ACCEL.tolist(), strict=True):
-            stamp = time(sec=t // 10**9, nanosec=t % 10**9)
-            message = types["vendor_msgs/msg/Rates"](header(stamp=stamp, frame_id=""), g, vector(*a))
-            bag.write(connection, t + 10**6, bytes(store.serialize_cdr(message, "vendor_msgs/msg/Rates")))
-    database = sqlite3.connect(next(path.glob("*.db3")))
-    database.execute("delete from message_definitions")
-    database.commit()
-    database.close()
+    def make(store: Any, k: int) -> object:
+        stamp = store.types["builtin_interfaces/msg/Time"](
+            sec=int(NS[k]) // 10**9, nanosec=int(NS[k]) % 10**9
+        )
+        header = store.types["std_msgs/msg/Header"](stamp=stamp, frame_id="")
+        vector = store.types["geometry_msgs/msg/Vector3"](*ACCEL[k].tolist())
+        return store.types["vendor_msgs/msg/Rates"](header, GYRO[k], vector)
+
+    received = (NS + 10**6).tolist()
+    write_bag(path, make, received, kind="vendor_msgs/msg/Rates", definition=RATES, topic="/rates")
+    with closing(sqlite3.connect(next(path.glob("*.db3")))) as database, database:
+        database.execute("delete from message_definitions")
     return path
 
 

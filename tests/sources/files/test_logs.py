@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from bags import imu
+from bags import imu, write_bag
 from commands import imumon
 from logs import COMBINED, FIFO, SENSOR, VEHICLE_IMU, DataFlash, ulog
 from paths import RECORDINGS, needs_recordings
@@ -233,6 +233,7 @@ def test_fields_of_a_log_can_be_named(tmp_path: Path) -> None:
 
 # ---------------------------------------------------------------- bags of other types
 
+TIMES = [1_700_000_000_000_000_000 + k * 10_000_000 for k in range(200)]
 FUSED = """string label
 float64[] weights
 my_msgs/Status[] states
@@ -250,55 +251,31 @@ string label
 """
 
 
-def bag_of(
-    path: Path, kind: str, definition: str, make: Any, *, ros: int = 2, n: int = 200, topic: str = "/fused"
-) -> Path:
-    """Write a bag of messages of another type."""
-    from rosbags import rosbag1, rosbag2
-    from rosbags.typesys import Stores, get_types_from_msg, get_typestore
-
-    store = get_typestore(Stores.ROS1_NOETIC if ros == 1 else Stores.ROS2_HUMBLE)
-    if ros == 1:
-        definition = definition.replace("builtin_interfaces/Time", "time")
-    store.register(get_types_from_msg(definition, kind))
-    writer: Any = (
-        rosbag1.Writer(path.with_suffix(".bag"))
-        if ros == 1
-        else rosbag2.Writer(path, version=9, storage_plugin=rosbag2.StoragePlugin.MCAP)
-    )
-    with writer as bag:
-        connection = bag.add_connection(topic, kind, typestore=store)
-        for k in range(n):
-            message = make(store, k)
-            data = store.serialize_ros1(message, kind) if ros == 1 else store.serialize_cdr(message, kind)
-            bag.write(connection, 1_700_000_000_000_000_000 + k * 10_000_000, bytes(data))
-    return path.with_suffix(".bag") if ros == 1 else path
-
-
 def fused(store: Any, k: int) -> Any:
     """Return a message whose strings and sequences have many lengths, also of equal sum."""
     status = store.types["my_msgs/msg/Status"]
-    more = {"seq": k} if "seq" in {f[0] for f in store.fielddefs["std_msgs/msg/Header"][1]} else {}
     return store.types["my_msgs/msg/Fused"](
         label="a" * (k % 7),
         weights=np.arange(k % 3, dtype=float),
         states=[status(text="b" * ((6 - k) % 7), code=k)] * (k % 2),
-        imu=imu(store, 1_700_000_000_000_000_000 + k * 10_000_000, RATE_RAD[k], FORCE[k], **more),
+        imu=imu(store, TIMES[k], RATE_RAD[k], FORCE[k]),
         quality=3,
     )
 
 
-@pytest.mark.parametrize("ros", [1, 2])
-def test_an_imu_inside_another_message_is_found(tmp_path: Path, ros: int) -> None:
-    path = bag_of(tmp_path / "bag", "my_msgs/msg/Fused", FUSED, fused, ros=ros)
+@pytest.mark.parametrize("plugin", ["ROS1", "MCAP"])
+def test_an_imu_inside_another_message_is_found(tmp_path: Path, plugin: str) -> None:
+    path = write_bag(
+        tmp_path / "bag", fused, TIMES, kind="my_msgs/msg/Fused", definition=FUSED, plugin=plugin
+    )
     found = read(path)
     np.testing.assert_array_equal(found.values, np.hstack([RATE_RAD, FORCE])[:200])
     assert found.time_ns is not None
     np.testing.assert_array_equal(found.time_ns, np.arange(200) * 10_000_000)
 
 
-@pytest.mark.parametrize("ros", [1, 2])
-def test_fields_of_a_bag_can_be_named(tmp_path: Path, ros: int) -> None:
+@pytest.mark.parametrize("plugin", ["ROS1", "MCAP"])
+def test_fields_of_a_bag_can_be_named(tmp_path: Path, plugin: str) -> None:
     def make(store: Any, k: int) -> Any:
         time = store.types["builtin_interfaces/msg/Time"](
             sec=1_700_000_000 + k // 100, nanosec=k % 100 * 10**7
@@ -307,14 +284,14 @@ def test_fields_of_a_bag_can_be_named(tmp_path: Path, ros: int) -> None:
         force = (FORCE[k] / 9.80665).astype(np.float32)
         return store.types["my_msgs/msg/Raw"](when=time, gyro_counts=counts, force=force, label="x" * (k % 5))
 
-    path = bag_of(tmp_path / "bag", "my_msgs/msg/Raw", VECTORS, make, ros=ros)
+    path = write_bag(tmp_path / "bag", make, TIMES, kind="my_msgs/msg/Raw", definition=VECTORS, plugin=plugin)
     with pytest.raises(RecordingError, match=r"gyro_counts\[0\], gyro_counts\[1\]") as error:
-        read(path, topic="/fused", accept=False)
+        read(path, topic="/imu/data", accept=False)
     assert error.value.code == "columns_unclear"
     given = ",".join(f"gyro/{a}=gyro_counts[{k}]:mdeg/s,accel/{a}=force[{k}]:g" for k, a in enumerate("xyz"))
-    found = read(path, topic="/fused", columns=parse_map(given))
+    found = read(path, topic="/imu/data", columns=parse_map(given))
     np.testing.assert_allclose(found.values[:, :3], RATE_RAD[:200], atol=np.radians(0.6e-3))
     np.testing.assert_allclose(found.values[:, 3:], FORCE[:200], rtol=1e-5)
     assert found.stream.interval_s == pytest.approx(0.01)
-    by_arrival = read(path, topic="/fused", columns=parse_map(f"{given},t=log_time:ns"))
+    by_arrival = read(path, topic="/imu/data", columns=parse_map(f"{given},t=log_time:ns"))
     assert by_arrival.stream.interval_s == pytest.approx(0.01)
