@@ -39,8 +39,8 @@ from imumon.sources.vn100.emulator.emulator import Emulator
 from imumon.sources.vn100.emulator.pseudo_terminal import PseudoTerminal
 from imumon.sources.vn100.registers import LOOP_RATE
 
-FAULTS = ("drop", "duplicate", "cut", "crc", "corrupt")
-"""Of a message, and ``corrupt`` of a byte: lost, twice, ended in its middle, with a wrong checksum, another byte."""
+FAULTS = ("drop", "duplicate", "corrupt")
+"""Of a message, and ``corrupt`` of a byte: lost, twice, another byte."""
 
 
 class Unplugged:
@@ -106,13 +106,11 @@ class FaultySensor(Emulator):
             self._counts["dropped" if self.terminal.has_client else "unheard"] += 1
 
     def _arriving(self, message: bytes) -> list[bytes]:
-        """Return what arrives of one message: nothing, the message, or a damaged one, perhaps twice."""
+        """Return what arrives of one message: nothing, the message, or one with other bytes, perhaps twice."""
         struck = {name for name, p in self._faults.items() if name != "corrupt" and self._dice.random() < p}
         if "drop" in struck:
             return []
-        data = bytearray(with_wrong_checksum(message) if "crc" in struck else message)
-        if "cut" in struck:
-            del data[len(data) // 2 :]
+        data = bytearray(message)
         if probability := self._faults.get("corrupt"):
             for place in range(len(data)):
                 if self._dice.random() < probability:
@@ -168,15 +166,6 @@ class FaultySensor(Emulator):
         waiting = fcntl.ioctl(slave, termios.FIONREAD, bytes(4))
         os.close(slave)
         return len(self.terminal._pending) + int.from_bytes(waiting, sys.byteorder)
-
-
-def with_wrong_checksum(message: bytes) -> bytes:
-    """Return the message with another checksum."""
-    if message[:1] != b"$":
-        return message[:-1] + bytes((message[-1] ^ 0x01,))
-    # another hexadecimal digit: any other character would be a damaged frame, and no wrong checksum
-    last = len(message.rstrip()) - 1
-    return message[:last] + (b"1" if message[last : last + 1] == b"0" else b"0") + message[last + 1 :]
 
 
 class FaultySensorProcess(EmulatorProcess):

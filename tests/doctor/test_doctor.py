@@ -81,11 +81,9 @@ CLOCKED = EmulatorSettings(seed=1, rate=160.0)
 """Binary, with a sample clock, and within the factory baud rate."""
 
 
-@pytest.mark.few
-@pytest.mark.parametrize("fault", ["crc=0.2", "corrupt=0.005", "cut=0.2"])
-def test_damaged_messages_are_detected(case: Case, fault: str) -> None:
+def test_damaged_messages_are_detected(case: Case) -> None:
     with spawn(CLOCKED) as sensor:
-        sensor.ask(f"fault {fault}")
+        sensor.ask("fault corrupt=0.005")
         results = by_name(replace(case, seconds=0.5), sensor.path)  # 80 messages: some are certainly damaged
     assert results["checksums"].status == "failed", results
     assert results["checksums"].cure

@@ -29,19 +29,6 @@ from imumon.sources.linux_tty import holders
 pytestmark = pytest.mark.slow
 
 
-def test_01_unplug_and_replug(tmp_path: Path) -> None:
-    with scene(tmp_path, seed=1) as play:
-        before = play.calm()
-        play.sensor.ask("unplug")
-        play.daemon.wait(lambda r: r.state == "waiting")
-        play.sensor.ask("replug")
-        after = play.calm()
-        assert after.report.session.gaps == 1
-        kinds = [event.kind for event in play.events("connect", "disconnect")]
-        assert kinds[-2:] == ["disconnect", "connect"]
-        play.end(before, after, Fault(on_the_way=ON_THE_WAY))
-
-
 @pytest.mark.parametrize("probability", [1e-4, 1e-2])
 def test_03_corrupted_bytes(tmp_path: Path, probability: float) -> None:
     with scene(tmp_path, seed=3) as play:
@@ -55,30 +42,36 @@ def test_03_corrupted_bytes(tmp_path: Path, probability: float) -> None:
         play.end(before, after, Fault(exposed=exposed, damaged=damaged))
 
 
-# ---------------------------------------- faults of the sensor and of the host
-
-
-def test_05_sensor_reboots(tmp_path: Path) -> None:
-    """Its clock begins anew: a gap of a length that nobody knows, and the record goes on."""
-    with scene(tmp_path, seed=5) as play:
-        before = play.calm()
-        play.sensor.ask("reboot")
-        play.daemon.wait(lambda r: r.session.restarts == 1)
-        after = play.calm()
-        assert play.events("reconfigured")
-        play.end(before, after, Fault(unknown=1, beside=10_000))
-
-
-def test_06_sensor_is_silent_for_a_while(tmp_path: Path) -> None:
-    """It is lost and found again; what it would have sent is one gap in the same record."""
-    with scene(tmp_path, seed=6) as play:
-        before = play.calm()
-        play.sensor.ask("silence 8")
-        play.daemon.wait(lambda r: r.state == "waiting")
-        after = play.calm()
-        assert after.report.session.gaps == 1
+@pytest.mark.parametrize(
+    ("commands", "fault"),
+    [
+        (("unplug", "replug"), Fault(on_the_way=ON_THE_WAY)),
         # beside a full terminal: what comes while it is opened and configured again
-        play.end(before, after, Fault(on_the_way=8 * ON_THE_WAY, beside=10_000))
+        (("silence 8", "counters"), Fault(on_the_way=8 * ON_THE_WAY, beside=10_000)),
+        # its clock begins again: a gap of a length that nobody knows, and the record continues
+        (("reboot", "counters"), Fault(unknown=1, beside=10_000)),
+    ],
+    ids=["unplugged", "silent", "restarted"],
+)
+def test_01_a_sensor_goes_and_comes_back(tmp_path: Path, commands: tuple[str, str], fault: Fault) -> None:
+    with scene(tmp_path, seed=1) as play:
+        before = play.calm()
+        play.sensor.ask(commands[0])
+        play.daemon.wait(lambda r: r.state == "waiting" or r.session.restarts == 1)
+        play.sensor.ask(commands[1])
+        after = play.calm()
+        if fault.unknown:
+            assert play.events("reconfigured")
+        else:
+            assert after.report.session.gaps == 1
+            assert [each.kind for each in play.events("connect", "disconnect")][-2:] == [
+                "disconnect",
+                "connect",
+            ]
+        play.end(before, after, fault)
+
+
+# ---------------------------------------- faults of the host
 
 
 @pytest.mark.parametrize("seconds", [1.5, 60.0])
