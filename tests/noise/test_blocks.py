@@ -3,13 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from itertools import pairwise
 
 import numpy as np
 import pytest
 import scipy.fft
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from imumon.model.samples import Bools, Floats
 from imumon.noise.blocks import BlockAccumulator, BlockMeans
@@ -45,31 +42,6 @@ def same(one: BlockMeans, other: BlockMeans) -> None:
 
 
 # --- the stream --------------------------------------------------------------------------------------------
-
-
-@settings(max_examples=60)
-@given(
-    n=st.integers(1, 400),
-    cuts=st.lists(st.integers(0, 400), max_size=8),
-    gap=st.integers(0, 60),
-    loss=st.sampled_from([0.0, 0.2, 0.7]),
-)
-def test_any_chunking_gives_the_same_bits(n: int, cuts: list[int], gap: int, loss: float) -> None:
-    values, valid = numbers(n), np.random.default_rng(2).random((n, 2)) >= loss
-    results = []
-    for edges in ([0, n], sorted({0, n, *(c for c in cuts if c <= n)})):
-        blocks = accumulator()
-        for a, b in pairwise(edges):
-            feed(blocks, values[a:b], valid[a:b] if loss else None)
-            blocks.result()
-        blocks.break_()
-        for a, b in pairwise(edges):
-            feed(blocks, values[a:b])
-        for part in (gap // 2, gap - gap // 2) if len(edges) > 2 else (gap,):
-            blocks.skip(part)
-        feed(blocks, values)
-        results.append(blocks.result())
-    same(*results)
 
 
 def test_blocks_are_the_means_of_what_is_valid() -> None:

@@ -193,21 +193,6 @@ def test_a_resonance_leaves_n(quiet: Floats, pole: float, size: float) -> None:
     assert {fit.N.status for fit in fits} == {"measured"}
 
 
-def test_a_walk_that_comes_back_is_correlated_noise() -> None:
-    """Exponentially correlated noise (IEEE 952, B.2.3) is a random walk below its time constant only."""
-    pole = math.exp(-1.0 / (40.0 * RATE))
-    steps = np.random.default_rng(4).standard_normal((4 * LENGTH, CHANNELS))
-    values = scipy.signal.lfilter([20.0 * B * math.sqrt(1.0 - pole**2)], [1.0, -pole], steps, axis=0)
-    values += synthesise(4 * LENGTH, RATE, N=[N] * CHANNELS, B=B, seed=4, averaged=False)
-    fits = fitted(values)
-    assert {fit.markov.sigma.status for fit in fits if fit.markov is not None} == {"measured"}
-    assert {fit.K.status for fit in fits} <= {"upper_bound", "indistinct"}
-    held = [
-        fit.markov is not None and fit.markov.sigma.low <= 20.0 * B <= fit.markov.sigma.high for fit in fits
-    ]
-    assert held.count(False) <= MOST_MISSED
-
-
 def wave(length: int, period_s: float, size: float) -> Floats:
     return size * SIGMA * np.sin(2.0 * np.pi * np.arange(length) / RATE / period_s)[:, None]
 

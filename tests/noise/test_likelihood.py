@@ -305,24 +305,6 @@ def test_breaks_every_few_seconds_are_the_reason() -> None:
     }
 
 
-@pytest.mark.few
-@pytest.mark.parametrize("samples", [3_000, 20_000])
-@pytest.mark.parametrize("ratio", [1.0, 3.0])
-def test_quantisation_of_any_size_leaves_n_and_is_measured(ratio: float, samples: int) -> None:
-    """Counts of an angle, Q = ratio N sqrt(tau0). 95 % of 40 are expected; fewer than 31 occur once in 5,000 runs.
-
-    In short records blocks of one sample hold all frequencies: the term must act there, too.
-    """
-    size = ratio * N / math.sqrt(RATE)
-    errors = np.random.default_rng(samples).standard_normal((samples + 1, 40)) * size
-    counted = noise(samples, 40, seed=int(10 * ratio), averaged=True) + np.diff(errors, axis=0) * RATE
-    fits = fits_of(counted, RATE, averaged=True)
-    assert held(fits, "N", N) >= 31
-    measured = [fit.coefficients["Q"] for fit in fits if "Q" in fit.coefficients]
-    assert len(measured) >= 36
-    assert sum(q.low <= size <= q.high for q in measured) >= 31  # type: ignore[operator]
-
-
 # ---------- laws of what the likelihood compares: each frequency counts once, and every term has an expectati
 
 
