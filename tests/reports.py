@@ -11,6 +11,7 @@ import json
 from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 from functools import cache
+from typing import Any
 
 import numpy as np
 from paths import TESTS
@@ -92,6 +93,23 @@ def warming_up() -> Report:
 def with_coefficients(channel: Channel, **changed: Estimate) -> Channel:
     """Return a channel with other estimates of some coefficients."""
     return replace(channel, coefficients={**channel.coefficients, **changed})
+
+
+def with_channel(report: Report, name: str, **changed: Any) -> Report:
+    """Return a report in which some fields of a channel differ."""
+    channel = replace(report.channels[name], **changed)
+    return replace(report, channels={**report.channels, name: channel})
+
+
+def with_bound(report: Report, letter: str, *names: str, high: float | None = None) -> Report:
+    """Return a report in which a coefficient of some channels is only bounded."""
+    for name in names:
+        known = report.channels[name].coefficients
+        bound = replace(
+            known[letter], status="upper_bound", value=None, low=0.0, high=high or known[letter].high
+        )
+        report = with_channel(report, name, coefficients={**known, letter: bound})
+    return report
 
 
 def report(

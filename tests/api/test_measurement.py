@@ -21,7 +21,6 @@ from paths import ROOT
 
 import imumon
 from imumon import Measurement
-from imumon.documents.program_settings import PROGRAMS
 from imumon.model.coefficients import Estimate
 from imumon.model.errors import ImumonError
 from imumon.model.samples import Floats
@@ -132,16 +131,6 @@ def test_filters_have_the_covariance_of_a_step(m: Measurement) -> None:
         numbers.Q(0.0)
     with pytest.raises(ImumonError):
         m.filter(horizon_s=0.0)
-
-
-@pytest.mark.parametrize("program", [*PROGRAMS])
-def test_settings_are_the_numbers_of_the_file(m: Measurement, program: str) -> None:
-    numbers = m.settings(program, bounds=True)
-    text = m.text(program)
-    assert len(numbers) >= 4
-    assert m.settings(program).items() <= numbers.items()
-    assert all(np.isfinite(value) for value in numbers.values())
-    assert all(name.partition("[")[0] in text for name in numbers)
 
 
 def test_a_measurement_is_saved_and_loaded(tmp_path: Path, m: Measurement) -> None:

@@ -26,7 +26,7 @@ from daemons import Daemon
 from documents import words
 from faulty_sensor import spawn
 from free_ports import free_endpoint
-from reports import FakeSource
+from reports import FakeSource, with_bound, with_channel
 from waiting import until
 
 from imumon.api.measurement import Measurement
@@ -37,7 +37,7 @@ from imumon.cli.options import only_own_device, report_of
 from imumon.cli.wait_condition import WaitCondition
 from imumon.config import ZenohSettings
 from imumon.documents.program_settings import number_lines, numbers_of
-from imumon.model.coefficients import GRADES, NOISE, Estimate
+from imumon.model.coefficients import GRADES, NOISE
 from imumon.model.messages import grade_text
 from imumon.model.readiness import letters_for, ready_text, state_of
 from imumon.model.report import DeviceDescription, Report, SensorGrade, SessionCounters, stamp
@@ -52,10 +52,6 @@ from imumon.tui.view_state import ViewState
 
 PERFORMANCE = re.compile(r"[A-Za-z_]+=-?\d+(\.\d+)?(s|%|c)?(;-?[\d.]*){0,4}")
 """One value by the Monitoring Plugins Development Guidelines."""
-
-
-def with_channel(report: Report, name: str, **changed: object) -> Report:
-    return replace(report, channels={**report.channels, name: replace(report.channels[name], **changed)})
 
 
 @contextmanager
@@ -197,10 +193,8 @@ def test_a_precision_needs_every_axis_measured() -> None:
     long = reports.long_report()
     assert WaitCondition(coefficient="N", precision=0.5).unmet(long) is None
     assert "required 1e-06" in str(WaitCondition(coefficient="N", precision=1e-6).unmet(long))
-    bound = Estimate(low=0.0, high=1.0, status="upper_bound")
-    known = long.channels["accel/z"].coefficients
-    bounded = with_channel(long, "accel/z", coefficients={**known, "K": bound})
-    assert "K of accel/z is only bounded" in str(WaitCondition(coefficient="K", precision=0.9).unmet(bounded))
+    unmet = WaitCondition(coefficient="K", precision=0.9).unmet(with_bound(long, "K", "accel/z", high=1.0))
+    assert "K of accel/z is only bounded" in str(unmet)
     assert WaitCondition(coefficient="N", precision=0.5, channels=("mag/x",)).unmet(long) is None
     condition = WaitCondition(coefficient="N", precision=0.5, channels=("mag/q",))
     assert condition.unmet(replace(long, channels={}))  # its channels are not known yet

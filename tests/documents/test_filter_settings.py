@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 from documents import AGES, COVARIANCES, SETTINGS, aged, filters, text, worst
-from reports import LONG_RATE, LONG_S, RATE, with_coefficients
+from reports import LONG_RATE, LONG_S, RATE, with_bound, with_coefficients
 from reports import report as make_report
 
 from imumon.documents import document
@@ -20,6 +20,7 @@ from imumon.documents.program_settings import numbers_of, settings_document
 from imumon.model.coefficients import Estimate
 from imumon.model.messages import CAVEATS
 from imumon.model.report import Report
+from imumon.model.samples import GYRO
 
 
 def settings(report: Report, form: str) -> dict[str, float]:
@@ -55,18 +56,8 @@ def test_densities_and_walks_are_those_of_the_worst_axis(form: str) -> None:
     assert shown[4:] in ([LONG_RATE], [])
 
 
-def with_bounded_k(report: Report) -> Report:
-    """Return the report with gyroscopes of whose K only a bound is known."""
-    channels = dict(report.channels)
-    for name in ("gyro/x", "gyro/y", "gyro/z"):
-        k = channels[name].coefficients["K"]
-        bounded = replace(k, status="upper_bound", value=None, low=0.0)
-        channels[name] = with_coefficients(channels[name], K=bounded)
-    return replace(report, channels=channels)
-
-
 def test_a_walk_that_rests_on_a_bound_is_a_comment_with_the_bound() -> None:
-    report = with_bounded_k(make_report(LONG_S))
+    report = with_bound(make_report(LONG_S), "K", *GYRO)
     bound = "K of [xyz] does not show in this record: it counts with half its 95 % upper bound"
     for form, line in (
         ("kalibr", "gyroscope_random_walk: "),

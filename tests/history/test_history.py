@@ -12,7 +12,6 @@ import sys
 import time
 from collections.abc import Sequence
 from contextlib import closing
-from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -25,6 +24,7 @@ from histories import BEGIN, NAMES, RECORD, period, with_slopes, write
 from paths import TESTS
 from reports import report as report_at
 from reports import warming_up as report
+from reports import with_channel
 from waiting import until
 
 from imumon.cli.history_command import _readable, stored_days
@@ -454,11 +454,7 @@ def test_a_step_of_the_slope_is_judged_by_the_errors_of_the_days() -> None:
     text = change_text(GYRO[0], change)
     assert text.startswith("gyro/x: the slope against the temperature has moved from -")
     assert " per degC against the history since 2026-01-21, p = " in text
-    shown = report()
-    shown = replace(
-        shown, channels={**shown.channels, GYRO[0]: replace(shown.channels["gyro/x"], changes=(change,))}
-    )
-    assert text in summary_text(shown, 200)
+    assert text in summary_text(with_channel(report(), GYRO[0], changes=(change,)), 200)
 
 
 def test_the_history_prints_the_slope_of_a_day(tmp_path: Path) -> None:

@@ -58,8 +58,7 @@ def test_the_slowest_axis_decides_and_what_cannot_be_promised_is_not() -> None:
     assert ready_text(report, "kalibr") == "ready for kalibr: N yes, K not yet"
     young = replace(report, session=replace(report.session, elapsed_s=3600.0))
     assert ready_text(young, "kalibr") == "ready for kalibr: N yes, K usually after 8 h"
-    slow = replace(report.channels["accel/y"], time_to={"N": 5.0, "B": 3600.0, "K": None})
-    report = replace(report, channels={**report.channels, "accel/y": slow})
+    report = reports.with_channel(report, "accel/y", time_to={"N": 5.0, "B": 3600.0, "K": None})
     assert [(item.ready, item.seconds) for item in readiness(report, NOISE)] == [
         (True, None),
         (False, 3600.0),
@@ -90,11 +89,7 @@ def test_what_is_not_measured_has_no_state_of_its_own() -> None:
 def test_ready_names_exactly_the_coefficients_that_each_program_takes() -> None:
     """A coefficient that is not measured makes a number a comment if, and only if, the program takes it."""
     whole = reports.long_report()
-    known, without = dict(whole.channels["gyro/x"].coefficients), {}
-    for letter in NOISE:
-        bound = replace(known[letter], status="upper_bound", value=None, low=0.0)
-        channel = replace(whole.channels["gyro/x"], coefficients={**known, letter: bound})
-        without[letter] = Measurement(replace(whole, channels={**whole.channels, "gyro/x": channel}))
+    without = {letter: Measurement(reports.with_bound(whole, letter, GYRO[0])) for letter in NOISE}
     complete = Measurement(whole)
     for program in PROGRAMS:
         numbers = len(complete.settings(program))

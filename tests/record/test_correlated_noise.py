@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import reports
 from paths import ROOT
-from reports import LONG_S, correlated, with_coefficients
+from reports import LONG_S, correlated, with_bound, with_channel, with_coefficients
 from reports import report as make_report
 
 from imumon.api import analyse
@@ -141,15 +141,8 @@ def test_k_is_a_bound_where_the_halves_contradict_each_other() -> None:
 # ---------------------------------------------------------------- parameters for filters
 
 
-def with_bounds(report: Report) -> Report:
-    """Return the report with a K of gyro/x that is only bounded."""
-    channel = report.channels["gyro/x"]
-    bounded = replace(channel.coefficients["K"], status="upper_bound", value=None, low=0.0, high=2e-6)
-    return replace(report, channels=report.channels | {GYRO[0]: with_coefficients(channel, K=bounded)})
-
-
 def test_a_bounded_coefficient_counts_with_half_its_bound() -> None:
-    report = with_bounds(make_report(LONG_S))
+    report = with_bound(make_report(LONG_S), "K", GYRO[0], high=2e-6)
     channel = report.channels["gyro/x"]
     assumed = assumed_noise(channel)
     assert assumed.K == 1e-6
@@ -164,10 +157,10 @@ def test_a_bounded_coefficient_counts_with_half_its_bound() -> None:
 
 def test_terms_that_do_not_hold_are_a_caveat() -> None:
     report = make_report(LONG_S)
-    channel = report.channels["gyro/x"]
-    flicker = replace(channel.coefficients["B"], value=0.95, low=0.9, high=1.0, status="measured")
-    channels = report.channels | {GYRO[0]: with_coefficients(channel, B=flicker)}
-    filters = filter_report(replace(report, channels=channels), 86400.0).channels
+    known = report.channels["gyro/x"].coefficients
+    flicker = replace(known["B"], value=0.95, low=0.9, high=1.0, status="measured")
+    loud = with_channel(report, GYRO[0], coefficients={**known, "B": flicker})
+    filters = filter_report(loud, 86400.0).channels
     assert [name for name, each in filters.items() if "inconsistent_terms" in each.caveats] == ["gyro/x"]
 
 

@@ -231,8 +231,7 @@ def test_the_footer_names_the_views_and_the_help_wherever_they_fit(view: str, wi
 def with_times(report: Report, times: dict[str, float | None]) -> Report:
     """Return a report in which gyro z reaches the precision after these times."""
     report = replace(report, precision={"N": 0.001, "B": 0.15, "K": 0.5})
-    channel = replace(report.channels["gyro/z"], time_to=times)
-    return replace(report, channels={**report.channels, GYRO[2]: channel})
+    return reports.with_channel(report, GYRO[2], time_to=times)
 
 
 @pytest.mark.few
