@@ -174,7 +174,7 @@ CELLS = (
     Cell("clean B, K = 1e-5", K=1e-5),
     Cell("clean K, 12 h", K=3e-7, length=6 * LENGTH),
     Cell("1/f^0.5", power_law(0.5, 0.1), B=0.0),
-    Cell("1/f^0.5 alone", power_law(0.5, 0.5 * RATE), N=0.0, B=0.0),
+    Cell("1/f^0.5 alone", power_law(0.5, RATE / np.pi), N=0.0, B=0.0),  # N is the level at half the rate
     Cell("hum 0.03 Hz, 1 sigma, 1 h", hum(0.03, 0.02, 1.0), length=LENGTH // 2),
     Cell("hum 0.03 Hz, 0.3 sigma, 1 h", hum(0.03, 0.02, 0.3), length=LENGTH // 2),
     Cell("hum 0.03 Hz, 0.1 sigma, 1 h", hum(0.03, 0.02, 0.1), length=LENGTH // 2),

@@ -82,7 +82,7 @@ def test_noise_that_is_not_white_is_no_filter_and_has_no_grade() -> None:
     for fit in fits:
         assert "not_white" in fit.caveats
         assert "correlated" not in fit.caveats
-        assert fit.N.low < 1.1 * N < 2.0 * N < fit.N.high  # type: ignore[operator]
+        assert fit.N.low < N < 2.0 * N < fit.N.high  # type: ignore[operator]
         assert grade_channel("gyro", fit.coefficients) is None
 
 

@@ -592,17 +592,19 @@ class ModelSearch:
         if not upper_end.low_pass:
             return None
         bands = self._powers(1, list(surface.powers))
+        bands = bands.take(np.argsort(bands.top))
         model = total(surface.powers, lambda term: bands.expected[term])
         passed = np.maximum(bands.power - ROUNDING_VARIANCE * self._step**2, ROUNDING * bands.power) / model
-        last = int(bands.top.argmax())
-        first_order = 1.0 / (1.0 + (1.0 / passed[last] - 1.0) * bands.bend / bands.bend[last])
+        first_order = 1.0 / (1.0 + (1.0 / passed[-1] - 1.0) * bands.bend / bands.bend[-1])
         # from an octave in use on; where a filter has taken half, its lobes and what is added behind it follow
         upper = bands.top > 0.5 * upper_end.highest
         # filters of simulated and real sensors reach 0.95 of it, noise of this kind 0.65 (`markov.py`)
         slower = upper & (passed > 0.5) & ((1.0 + MOST_ERROR) * passed < first_order)
-        if not slower.any() and passed[last] < 1.0 + MOST_ERROR:
+        if not slower.any() and passed[-1] < 1.0 + MOST_ERROR:
             return None
-        return float(passed[upper].min()), float(passed[upper].max())
+        # half the sampling rate, which no band shows, is at most as far from the last one as this from the one before
+        levels = np.append(passed[upper], passed[-1] ** 2 / passed[-2])
+        return float(levels.min()), float(levels.max())
 
     def _markov_peaks(self, upper_end: UpperEnd, error: float = 0.0) -> Peaks | None:
         """Return the likeliest models with Gauss–Markov noise; None where its odds are below even."""
