@@ -42,7 +42,7 @@ def header_of(
     return tuple(names), tuple(units or empty), above[header]
 
 
-_LISTED = re.compile(r"\W*(?:col\w*|ch\w*|field)?\s*\d+\s*[:.)=-]+\s*([^\W\d].*)", re.IGNORECASE)
+_LISTED = re.compile(r"(?:col[a-z]*|ch[a-z]*|field)?\s*\d+\s*[:.)=-]+\s*([^\W\d].*)", re.IGNORECASE)
 """A line of a list, with a name behind a number."""
 
 
@@ -51,8 +51,8 @@ def listed_names(above: Sequence[str], width: int) -> list[str]:
 
     All columns are listed, or all but the first one, which is the time.
     """
-    numbered = [match[1] for match in map(_LISTED.match, above) if match is not None]
     lines = [line.strip("#% \t") for line in above]
+    numbered = [match[1] for match in map(_LISTED.match, lines) if match is not None]
     before_units = [
         f"{name} [{unit}]" for name, unit in pairwise(lines) if known_unit(unit) and not known_unit(name)
     ]

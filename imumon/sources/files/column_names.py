@@ -28,7 +28,7 @@ OTHER = re.compile(
     r"mag(?!nit)|ang(?:ular)? ?acc|rot(?:ation)? ?vec|quat|orient|euler|attitude|bias|drift|offset|cov"
     r"|(?:^| )(?:m|b|q|pos|gps|v|(?<!ang )(?<!angular )vel(?:ocity)?"
     r"|std|sigma|var|noise|cmd|motor|setpoint|sp|ned|user)(?: |$)"
-    r"|gravity|position|north|east|earth|estimat|user ?acc",
+    r"|gravity|dcm|matrix|position|north|east|earth|estimat|user ?acc",
     re.IGNORECASE,
 )
 DELTA = re.compile(
@@ -146,7 +146,7 @@ def split_unit(name: str) -> tuple[str, str]:
     text, stated = _without_brackets(text)
     if stated:
         return text.strip(), stated
-    body, axis = re.fullmatch(r"(?is)(.*?)([\s_.]+(?:[xyz]|roll|pitch|yaw))?", text).groups()  # type: ignore[union-attr]
+    body, axis = re.fullmatch(r"(?is)(.*?)([\s_.]+(?:[xyz]|roll|pitch|yaw)|\[\d\])?", text).groups()  # type: ignore[union-attr]
     # the longest end of the name that is a unit: behind a sign, a blank or a capital
     for begin in re.finditer(
         r"(?:^|(?<=[\W_])|(?<=[a-z\d])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z]))(?=\w|°)", body

@@ -61,7 +61,9 @@ from imumon.sources.files.sizes_at_rest import (
     NOISIEST_DEG,
     STRONGEST,
     counts_of_gravity,
+    is_direction,
     is_one_g,
+    same_sensor,
     sample_noise,
     unit_of_rate,
     units_of_gravity,
@@ -175,7 +177,7 @@ class _ColumnReader:
             if ranked and chosen.keys() & self._given.keys() and not ranked[0].certain:
                 self._remarks.append(f"{key} is not used: {ranked[0].reason}")
             elif ranked:
-                chosen[key] = self._with_stated_meaning(ranked[0])
+                chosen[key] = self._with_stated_meaning(self._beside_samples(ranked))
                 self._note_others(key, ranked)
         if "gyro" in chosen and "gyro" not in self._given:
             chosen["gyro"] = self._beside_increments(chosen["gyro"], chosen.get("accel"))
@@ -361,6 +363,19 @@ class _ColumnReader:
     def _triple_of(self, use: Use) -> Triple:
         columns = tuple(self._columns[k] for k in use.columns)
         return Triple(columns, use.axes, columns[0].base)
+
+    def _beside_samples(self, ranked: Sequence[Use]) -> Use:
+        """Return the best of some uses, with a question if others of its name may be further samples of it in a row."""
+        best, *others = ranked
+        first = self._triple_of(best)
+        name = re.sub(r"\d", "", first.columns[0].base)
+        for other in map(self._triple_of, others):
+            alike = other.axes == first.axes and re.sub(r"\d", "", other.columns[0].base) == name
+            if alike and same_sensor(first.rows, other.rows):
+                reason = f"{other.label} have the mean and the noise of {first.label}: a row may have several samples"
+                reason += "" if best.certain else f"; {best.reason}"
+                return replace(best, certain=False, reason=reason, assumption="assumed_columns")
+        return best
 
     def _note_others(self, key: str, ranked: Sequence[Use]) -> None:
         for other in ranked[1:]:
@@ -601,10 +616,10 @@ def _contradiction(triple: Triple, unit: str, known: Unit) -> str:
 
 
 def _moves(triple: Triple) -> bool:
-    """Return whether the numbers of a triple change, and are no clocks."""
+    """Return whether the numbers of a triple change, and are no clocks and no direction."""
     columns = triple.columns
     is_clock = all(c.rises for c in columns) or any(c.rises and TIME.search(c.words) for c in columns)
-    return not all(c.constant for c in columns) and not is_clock
+    return not all(c.constant for c in columns) and not is_clock and not is_direction(triple.rows)
 
 
 def _may_be_gyro(triple: Triple) -> bool:

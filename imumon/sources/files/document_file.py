@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from imumon.sources.files.base import LONGEST_LINE
-from imumon.sources.files.column_names import FEWEST
+from imumon.sources.files.column_names import FEWEST, names_sensor
 
 MOST_DOCUMENT = 1 << 25
 """Bytes of an object of JSON, of which all is in memory: 20 times as much at worst. A longer one is read as text."""
@@ -61,7 +61,7 @@ def _arrays(path: str, value: Any, beside: Mapping[str, Any]) -> Iterator[tuple[
     except (ValueError, TypeError):  # of texts, objects, or rows of different lengths
         return
     names = next(filter(None, (_names(other, array.shape[-1:]) for other in beside.values())), ())
-    if array.ndim == 2 and names:
+    if array.ndim == 2 and names and not names_sensor(path.rpartition(".")[2]):
         yield from zip(names, array.T, strict=True)
     elif array.ndim == 0 or len(array) >= FEWEST or array.ndim == 2:
         yield path, array.reshape(-1) if array.ndim == 0 else array

@@ -152,13 +152,14 @@ def _distinct(names: Sequence[str], counts: Sequence[int], texts: Sequence[str])
     result: list[str] = []
     describing = ""
     for count, of_line in zip(counts, words, strict=True):
-        describing = " ".join(word for word in of_line if common[word] == 1) or describing
+        # the words of the only line are of all its numbers
+        describing = " ".join(word for word in of_line if common[word] == 1 < len(texts)) or describing
         of_names = names[len(result) : len(result) + count]
         result += [f"{describing} {name}".strip() if often[name] > 1 else name for name in of_names]
     return result
 
 
-AXIS = re.compile(r"(.*?)(?:[\s_.]*([xyz])|\[([012])\])", re.IGNORECASE)
+AXIS = re.compile(r"(.*?)(?:[\s_.]{0,3}([xyz])|\[([012])\])", re.IGNORECASE)
 """A name with an axis, or with the place of one in a list."""
 
 

@@ -43,6 +43,7 @@ from imumon.sources.files.column_names import names_sensor, words_of
 from imumon.sources.files.columns import MOST_COLUMNS
 from imumon.sources.files.date_reader import DateReader
 from imumon.sources.files.number_labels import AXIS, PrintedLine, Samples, number_labels
+from imumon.sources.files.sizes_at_rest import same_sensor
 from imumon.sources.files.text_cells import are_dates, cell_number, has_value, number_of, split
 from imumon.sources.files.unit_grammar import stated_rate
 
@@ -468,17 +469,11 @@ def _template_table(
 
 
 def _are_of_one_sensor(rows: Floats, samples: Samples) -> bool:
-    """Return whether the axes of each sample of (n, k) records have one mean: two sensors of one name have two."""
+    """Return whether the axes of each sample of (n, k) records may be of one sensor."""
     stems = {name: match[1] for name in samples[0] if (match := AXIS.fullmatch(name)) is not None}
     axes = [name for name, stem in stems.items() if [*stems.values()].count(stem) == len(AXES)]
     first, *others = (rows[:, [sample[name] for name in axes]] for sample in samples)
-    return not any(_means_differ(first - other) for other in others)
-
-
-def _means_differ(differences: Floats) -> bool:
-    """Return whether the mean of some of (n, k) differences is significant."""
-    error = np.nanstd(differences, axis=0) / max(len(differences), 1) ** 0.5
-    return bool((np.abs(np.nanmean(differences, axis=0)) > FAR * error).any())
+    return all(same_sensor(first, other) for other in others)
 
 
 def _pattern(record: Sequence[PrintedLine], codes: Mapping[int, str]) -> str:

@@ -17,9 +17,10 @@ import numpy as np
 
 from imumon.model.errors import QUOTED
 from imumon.model.ledger import Ledger
-from imumon.model.samples import Floats, Ints
+from imumon.model.samples import AXES, Floats, Ints
 from imumon.sources.files.base import LONGEST_LINE, RecordingError
 from imumon.sources.files.column_header import are_names
+from imumon.sources.files.column_names import names_sensor
 from imumon.sources.files.date_reader import DateReader
 from imumon.sources.files.printed_log import (
     TOKEN,
@@ -279,7 +280,11 @@ class RecordReader:
             return "pending" if self._begun else "start"
         if not text or line == TOO_LONG_BYTES:
             return "damaged"
-        if table.header and len(cells) > 2 and are_names(cells):
+        # a title of few words begins a section, as a line of other names does
+        begins_section = (
+            bool(cells) and len(text.split()) <= len(AXES) and names_sensor(text) and are_names(cells)
+        )
+        if (table.header and len(cells) > 2 and are_names(cells)) or begins_section:
             self.problem = f"{self._path} line {place} names other columns: only the rows before are used"
             return "other_message"
         numbers = len(cells) or _numbers_in(text)

@@ -41,6 +41,13 @@ MILLIRADIANS = (0.4, 8.0)
 """Noise of a sample that is one in mrad/s beside an acceleration in mg: of messages of MAVLink."""
 
 
+DIRECTION = 0.02
+"""Ratio of the noise of a length to that of its axes, below which it is one by definition."""
+
+FAR = 6.0
+"""Standard errors by which the means or the noise of two sensors differ, chosen."""
+
+
 def sample_noise(rows: Floats) -> float:
     """Return the standard deviation of the noise of (n, k) samples, the median of their columns; 0.0 of too few.
 
@@ -52,6 +59,27 @@ def sample_noise(rows: Floats) -> float:
     # 0.6745: the median of |normal|
     spread = np.median(np.abs(np.diff(valid, n=3, axis=0)), axis=0) / (0.6745 * 20.0**0.5)
     return float(np.median(spread))
+
+
+def is_direction(rows: Floats) -> bool:
+    """Return whether (n, 3) numbers have one length, whatever their noise: a program has divided them by it."""
+    length = np.linalg.norm(rows, axis=1, keepdims=True)
+    return rows.shape[1] == 3 and sample_noise(length) < DIRECTION * min(
+        sample_noise(rows[:, [k]]) for k in range(3)
+    )
+
+
+def same_sensor(rows: Floats, others: Floats) -> bool:
+    """Return whether (n, k) samples and those beside them may be of one sensor: their means and noise are the same.
+
+    The means of two sensors differ by their biases, and the noise of raw and of filtered numbers differs.
+    """
+    count = max(len(rows), 1)
+    apart = rows - others
+    with np.errstate(all="ignore"):
+        far = np.abs(np.nanmean(apart, axis=0)) > FAR * np.nanstd(apart, axis=0) / math.sqrt(count)
+        ratio = np.abs(np.log(np.nanstd(rows, axis=0) / np.nanstd(others, axis=0)))
+    return not (far.any() or (ratio > FAR / math.sqrt(count)).any())
 
 
 def is_one_g(size: float) -> bool:

@@ -13,7 +13,7 @@ MISSING = {"", "nan", "na", "n/a", "null", "none", "-"}
 """Contents of a cell without a number."""
 
 
-_BEFORE_BRACKET = re.compile(r"[ \t]+(?=[\[(][^\d\s\])]*[A-Za-z°][^\[\](]*[\])])")
+_BEFORE_BRACKET = re.compile(r"(?<![ \t])[ \t]+(?=[\[(][^\d\s\])]*[A-Za-z°][^\[\](]*[\])])")
 
 
 def split(line: str, separator: str | None) -> list[str]:

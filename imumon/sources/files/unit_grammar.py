@@ -167,7 +167,7 @@ _RATE = re.compile(
 """Text before the word of a rate, a number, and the word behind it."""
 
 _PERIOD = re.compile(
-    rf"(?:sampl\w*[\s_-]?(?:period|interval)|sample[\s_-]?time|\bdt)\b\s*(?:[\[(](\w+)[\])])?{_NUMBER}",
+    rf"(?:sampl\w{{0,9}}[\s_-]?(?:period|interval)|sample[\s_-]?time|\bdt)\b\s*(?:[\[(](\w+)[\])])?{_NUMBER}",
     re.IGNORECASE,
 )
 """Unit of an interval of samples in brackets, a number, and the word behind it."""

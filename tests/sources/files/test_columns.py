@@ -9,7 +9,7 @@ import pytest
 
 from imumon.model.errors import ImumonError
 from imumon.model.samples import Floats
-from imumon.sources.files.base import ReadOptions
+from imumon.sources.files.base import ReadOptions, RecordingError
 from imumon.sources.files.column_names import split_unit
 from imumon.sources.files.column_reader import read_columns
 from imumon.sources.files.columns import ColumnsUnclear, Reading, parse_map
@@ -67,7 +67,7 @@ def test_what_is_no_unit_is_none(text: str) -> None:
     [
         ("gyro_x [rad/s]", "rad/s"), ("gx_dps", "dps"), ("gyro_rps_x", "rad/s"), ("ax_g", "g"), ("acc_x_mg", "mg"),
         ("raw_angular_rate_x_deg_per_s", "deg/s"), ("t_ms", "ms"), ("timestamp_seconds", "s"), ("accel_m_s2_x", "m/s2"),
-        ("gyroADC[0]", ""), ("X Accel [x8004]", ""), ("gx", ""), ("a_s", ""), ("Accel-X (g)", "g"),
+        ("gyroADC[0]", ""), ("gyro_dps[0]", "dps"), ("X Accel [x8004]", ""), ("a_s", ""), ("Accel-X (g)", "g"),
         ("time [ticks]", "ticks"), ('"AccelX"|"G"|-3.0|3.0|50', "g"), ('"Yaw"|"Deg/Sec"|-120|120|50', "deg/s"),
     ],
 )  # fmt: skip
@@ -84,6 +84,22 @@ def test_a_name_and_a_unit_of_different_sensors_are_a_question() -> None:
     assert not read(names, 10 * STEP, gravity).certain
     both = read(names + ",ax [m/s^2],ay [m/s^2],az [m/s^2]", 10 * STEP, gravity, ACCEL)
     assert (both.map, both.certain) == ("accel=ax,ay,az:m/s^2,t=t:ms", True)
+
+
+def test_further_samples_in_a_row_are_a_question() -> None:
+    """Rows of a chip that has a queue: the rate is that of the samples, and not that of the rows."""
+    names = "t_ms,gx0 [dps],gy0 [dps],gz0 [dps],gx1 [dps],gy1 [dps],gz1 [dps]"
+    rows = np.random.default_rng(1).normal(0.2, 0.1, (800, 3))
+    assert not read(names, 10 * STEP[:400], rows[::2], rows[1::2]).certain
+    assert read(
+        names, 10 * STEP[:400], rows[::2], rows[1::2] + 0.1
+    ).certain  # two sensors differ by their bias
+
+
+def test_what_has_one_length_is_a_direction() -> None:
+    unit = ACCEL / np.linalg.norm(ACCEL, axis=1, keepdims=True)
+    with pytest.raises(RecordingError):
+        read("t_ms,dx,dy,dz", 10 * STEP, unit)
 
 
 def test_what_is_stated_is_certain() -> None:
