@@ -6,12 +6,11 @@ import os
 import signal
 import subprocess
 import sys
-import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
-from forked import Forked
+from forked import Forked, content, new_file
 from free_ports import free_endpoint
 
 from imumon.bus import Subscriber
@@ -44,50 +43,32 @@ class Daemon:
     ) -> None:
         self.endpoint = listen or free_endpoint()
         words = ("run", "--port", port, "--state", str(state), "--listen", self.endpoint, *words)
-        (out, out_end), (err, err_end) = os.pipe(), os.pipe()
+        self._out, self._err = new_file(), new_file()
         self.process: Forked | subprocess.Popen[bytes]
         with open(os.devnull) as nothing:
-            if before or "LD_PRELOAD" in (
-                environment or {}
-            ):  # a copy of this process has its libraries already
+            # a copy of this process has its libraries already
+            if before or "LD_PRELOAD" in (environment or {}):
                 self.process = subprocess.Popen(
                     [*before, sys.executable, "-m", "imumon", *words],
                     env={**os.environ, **(environment or {})},
                     stdin=nothing,
-                    stdout=out_end,
-                    stderr=err_end,
+                    stdout=self._out,
+                    stderr=self._err,
                 )
             else:
-                streams = (nothing.fileno(), out_end, err_end)
+                streams = (nothing.fileno(), self._out.fileno(), self._err.fileno())
                 self.process = Forked(words, streams, environment=environment)
-        os.close(out_end)
-        os.close(err_end)
-        # a pipe holds 64 kB: one that nobody reads would fill up
-        self._said = {"out": "", "err": ""}
-        self._readers = [
-            threading.Thread(target=self._read, args=words, daemon=True)
-            for words in (("out", out), ("err", err))
-        ]
-        for reader in self._readers:
-            reader.start()
         self.viewer = Subscriber([self.endpoint])
-
-    def _read(self, name: str, pipe: int) -> None:
-        with open(pipe) as lines:
-            for line in lines:
-                self._said[name] += line
 
     @property
     def log(self) -> str:
         """What it has said on stderr so far."""
-        return self._said["err"]
+        return content(self._err)
 
     def ended(self, within_s: float = 60.0) -> tuple[str, str]:
         """What it said, once it has ended."""
         self.process.wait(within_s)
-        for reader in self._readers:
-            reader.join(60)
-        return self._said["out"], self._said["err"]
+        return content(self._out), content(self._err)
 
     def wait(self, holds: Callable[[Report], bool], timeout: float = 120.0) -> Report:
         """First report for which something holds."""

@@ -20,11 +20,11 @@ import sys
 import tempfile
 import threading
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import ExitStack, contextmanager, suppress
+from contextlib import contextmanager, suppress
 from functools import cache
 from importlib import import_module
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 EMULATOR = "imumon.sources.vn100.emulator"
 
@@ -166,29 +166,51 @@ class ChildEmulator:
         os.kill(self.pid, signal.SIGKILL)
 
 
-def run(
-    *words: str,
-    text: bytes = b"",
-    directory: Path | None = None,
-    environment: Mapping[str, str] | None = None,
-    timeout: float = 120.0,
-) -> subprocess.CompletedProcess[str]:
-    """Return how a command ended whose standard input is a text, as `subprocess.run` does."""
-    with ExitStack() as stack:
-        streams = [stack.enter_context(tempfile.TemporaryFile()) for _ in range(3)]
-        streams[0].write(text)
-        streams[0].seek(0)
-        into, out, err = (stream.fileno() for stream in streams)
-        process = Forked(words, (into, out, err), directory, environment)
-        try:
-            code = process.wait(timeout)
-        finally:
-            process.kill()
-        said = []
-        for stream in streams[1:]:
-            stream.seek(0)
-            said.append(stream.read().decode())
-    return subprocess.CompletedProcess(words, code, *said)
+class Captured(Forked):
+    """A process whose input is a text, and whose output is kept in files: a pipe that nobody reads would fill up."""
+
+    def __init__(
+        self,
+        words: Sequence[str],
+        text: bytes = b"",
+        directory: Path | None = None,
+        environment: Mapping[str, str] | None = None,
+        module: str | None = None,
+    ) -> None:
+        into, self._out, self._err = new_file(), new_file(), new_file()
+        into.write(text)
+        into.seek(0)
+        streams = (into.fileno(), self._out.fileno(), self._err.fileno())
+        super().__init__(words, streams, directory, environment, module)
+
+    @property
+    def out(self) -> str:
+        """What it has written to its standard output so far."""
+        return content(self._out)
+
+    @property
+    def err(self) -> str:
+        return content(self._err)
+
+
+def new_file() -> IO[bytes]:
+    """Return a file without a name, which is gone when nobody has it."""
+    return tempfile.TemporaryFile()
+
+
+def content(file: IO[bytes]) -> str:
+    """Return what is in a file that a process writes, whose place in it stays."""
+    return os.pread(file.fileno(), os.fstat(file.fileno()).st_size, 0).decode()
+
+
+def run(*words: str, timeout: float = 120.0, **more: Any) -> subprocess.CompletedProcess[str]:
+    """Return how a process of `Captured` ended, as `subprocess.run` does."""
+    process = Captured(words, **more)
+    try:
+        code = process.wait(timeout)
+    finally:
+        process.kill()
+    return subprocess.CompletedProcess(words, code, process.out, process.err)
 
 
 @contextmanager

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-import os
 import signal
 import urllib.request
 from pathlib import Path
 
-from forked import Forked
+from forked import Captured
 from free_ports import free_port
 from prometheus_client.parser import text_string_to_metric_families
+from waiting import until
 
 
 class MetricsViewer:
@@ -24,23 +24,16 @@ class MetricsViewer:
         self.address = f"127.0.0.1:{free_port()}"
         where = ("--listen", self.address) if file is None else ("--file", str(file))
         self._listens = file is None
-        errors, errors_end = os.pipe()
-        with open(os.devnull, "r+") as nothing:
-            streams = (nothing.fileno(), nothing.fileno(), errors_end)
-            self._process = Forked(("metrics", *where, "--connect", endpoint, *words), streams)
-        os.close(errors_end)
-        self._errors = os.fdopen(errors)
+        self._process = Captured(("metrics", *where, "--connect", endpoint, *words))
 
     def __enter__(self) -> MetricsViewer:
-        if self._listens:
-            assert self.address in self._errors.readline()
+        until(lambda: self.address in self._process.err or not self._listens)
         return self
 
     def __exit__(self, *_: object) -> None:
         self._process.send_signal(signal.SIGTERM)
         self._process.wait(60)
-        with self._errors:
-            assert "Traceback" not in self._errors.read()
+        assert "Traceback" not in self._process.err
 
 
 def scraped(address: str) -> str:

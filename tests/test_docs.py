@@ -22,7 +22,6 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from importlib import import_module
 from itertools import groupby
 from pathlib import Path
-from tempfile import TemporaryFile
 from typing import Any, NamedTuple
 
 import forked
@@ -31,6 +30,7 @@ from daemons import Daemon
 from free_ports import free_endpoint
 from paths import ROOT
 from tables import sentences
+from waiting import until
 
 import imumon
 from imumon.cli import parsers
@@ -204,18 +204,11 @@ def test_a_program_runs(block: Block, place: Place) -> None:
     code = f"import sys\nsys.stdout.reconfigure(line_buffering=True)\n{code}"
     (place.directory / f"{name}.py").write_text(code)
     path = {**place.environment, "PYTHONPATH": str(place.directory)}
-    out, out_end = os.pipe()
-    with open(os.devnull) as nothing, open(out) as lines, TemporaryFile() as errors:
-        streams = (nothing.fileno(), out_end, errors.fileno())
-        process = forked.Forked([], streams, place.directory, path, module=name)
-        os.close(out_end)
-        line = lines.readline()  # a subscriber does not end: its first line is enough
-        process.kill()
-        process.wait()
-        errors.seek(0)
-        said = errors.read().decode()
-    assert line.strip(), said
-    assert "Traceback" not in said
+    process = forked.Captured([], directory=place.directory, environment=path, module=name)
+    until(lambda: process.out.strip() or process.poll() is not None)  # a subscriber does not end
+    process.kill()
+    assert process.out.strip(), process.err
+    assert "Traceback" not in process.err
 
 
 def unknown_options(text: str) -> Iterator[str]:
