@@ -37,30 +37,32 @@ PLAIN: dict[Any, str] = {
 
 def schema() -> dict[str, Any]:
     """Return the JSON Schema of a report and the other messages, from the dataclasses and their comments."""
-    defs: dict[str, Any] = {}
-    for cls in (Report, Event, Signal):
-        define(cls, defs)
-    grade = shape(typing.get_type_hints(Report)["grade"], defs)
-    defs["Grade"] = {"description": "The report's grade alone: the headline of each sensor.", **grade}
-    return {
-        "$schema": "https://json-schema.org/draft/2020-12/schema",
-        "title": report.SCHEMA,
-        "description": "imumon/{id}/report; Channel is imumon/{id}/{sensor}/{axis}, Grade imumon/{id}/grade, "
-        "Event imumon/{id}/event, Signal imumon/{id}/signal/{sensor}/{axis}. Fields may be added.",
-        "$ref": "#/$defs/Report",
-        "$defs": dict(sorted(defs.items())),
-    }
+    about = (
+        "imumon/{id}/report; Channel is imumon/{id}/{sensor}/{axis}, Grade imumon/{id}/grade, "
+        "Event imumon/{id}/event, Signal imumon/{id}/signal/{sensor}/{axis}. Fields may be added."
+    )
+    made = document(report.SCHEMA, about, Report, Event, Signal)
+    grade = shape(typing.get_type_hints(Report)["grade"], made["$defs"])
+    grade = {"description": "The report's grade alone: the headline of each sensor.", **grade}
+    return made | {"$defs": dict(sorted({**made["$defs"], "Grade": grade}.items()))}
 
 
 def filter_schema() -> dict[str, Any]:
     """Return the JSON Schema of the parameters for filters."""
+    about = "imumon report --format filter (docs/FILTERS.md). Fields may be added."
+    return document(FILTER_SCHEMA, about, FilterReport)
+
+
+def document(title: str, about: str, *classes: type) -> dict[str, Any]:
+    """Return the schema of messages, the first of which is that of the document."""
     defs: dict[str, Any] = {}
-    define(FilterReport, defs)
+    for cls in classes:
+        define(cls, defs)
     return {
         "$schema": "https://json-schema.org/draft/2020-12/schema",
-        "title": FILTER_SCHEMA,
-        "description": "imumon report --format filter (docs/FILTERS.md). Fields may be added.",
-        "$ref": "#/$defs/FilterReport",
+        "title": title,
+        "description": about,
+        "$ref": f"#/$defs/{classes[0].__name__}",
         "$defs": dict(sorted(defs.items())),
     }
 

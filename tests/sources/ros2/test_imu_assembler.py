@@ -132,33 +132,23 @@ def test_separate_topics_are_paired_by_their_stamps(delay_ns: int) -> None:
     assert made.invalid == 1
 
 
+def magnetic(k: int) -> Received:
+    stamp, zero = UNIX_NS + k * STEP_NS, [0.0] * 9
+    value = {"x": 2e-5, "y": 0.0, "z": -4e-5}
+    fields = {"header": header(stamp), "magnetic_field": value, "magnetic_field_covariance": zero}
+    return Received(encode(MAGNETIC_FIELD, fields), k + 1, stamp, b"m")
+
+
+def temperature(k: int) -> Received:
+    """One a second."""
+    fields = {"header": header(UNIX_NS), "temperature": 25.0 + k, "variance": 0.0}
+    return Received(encode(TEMPERATURE, fields), k + 1, UNIX_NS + k * 10**9, b"t")
+
+
 def test_magnetic_field_and_temperature_have_the_units_of_channels() -> None:
     rows = [received(k) for k in range(600)]
-    field = [
-        Received(
-            encode(
-                MAGNETIC_FIELD,
-                {
-                    "header": header(UNIX_NS + k * STEP_NS),
-                    "magnetic_field": {"x": 2e-5, "y": 0.0, "z": -4e-5},
-                    "magnetic_field_covariance": [0.0] * 9,
-                },
-            ),
-            k + 1,
-            UNIX_NS + k * STEP_NS,
-            b"m",
-        )
-        for k in range(600)
-    ]
-    warm = [
-        Received(
-            encode(TEMPERATURE, {"header": header(UNIX_NS), "temperature": 25.0 + k, "variance": 0.0}),
-            k + 1,
-            UNIX_NS + k * 1_000_000_000,
-            b"t",
-        )
-        for k in range(3)
-    ]
+    field = [magnetic(k) for k in range(600)]
+    warm = [temperature(k) for k in range(3)]
     made, items = assemble("ros2:/imu?mag=/mag&temperature=/temp", rows, mag=field, temperature=warm)
     assert made.stream.channels[-4:] == ("mag/x", "mag/y", "mag/z", "temperature")
     found = samples(items)
@@ -210,9 +200,8 @@ def test_hostile_messages_never_raise_and_counts_add_up(data: st.DataObject) -> 
 def test_a_stream_continues_over_a_reconnection() -> None:
     """The temperature comes late after it: the stream is still the same, so the record can continue."""
     url = parse_url("ros2:/imu?temperature=/temp")
-    warm = encode(TEMPERATURE, {"header": header(UNIX_NS), "temperature": 25.0, "variance": 0.0})
     first = ImuAssembler(url)
-    first.add([received(k) for k in range(400)], {"temperature": [Received(warm, 1, UNIX_NS, b"t")]}, UNIX_NS)
+    first.add([received(k) for k in range(400)], {"temperature": [temperature(0)]}, UNIX_NS)
     first.finish()
     again = ImuAssembler(url, first)
     items = again.add([received(k) for k in range(400)], {"temperature": []}, UNIX_NS) + again.finish()

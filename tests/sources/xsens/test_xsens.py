@@ -7,6 +7,7 @@ import math
 import signal
 import struct
 from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -186,6 +187,17 @@ def device_of(sensor: MtEmulator, state: Path | None = None, **given: Any) -> De
     return driver("xsens").create(options)
 
 
+@contextmanager
+def started(sensor: MtEmulator, state: Path, **given: Any) -> Iterator[Device]:
+    """Yield a device that is open and has begun; restore the sensor and close it."""
+    device = device_of(sensor, state, **given)
+    device.open()
+    device.start()
+    yield device
+    assert device.restore()
+    device.close()
+
+
 def test_it_is_identified_configured_and_restored(tmp_path: Path) -> None:
     with MtEmulator(link=tmp_path / "mti", seed=1) as sensor:
         device = device_of(sensor, tmp_path)
@@ -215,20 +227,14 @@ def test_what_a_killed_run_left_behind_is_restored(tmp_path: Path) -> None:
         killed.start()
         killed.close()  # without restore
         assert sensor.configuration != FACTORY
-        device = device_of(sensor, tmp_path)
-        device.open()
-        device.start()
-        assert device.restore()
-        device.close()
+        with started(sensor, tmp_path):
+            pass
         assert sensor.configuration == FACTORY
 
 
 def test_a_sensor_that_stops_is_started_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("imumon.sources.xsens.mt_session.MtSession.quiet_s", 0.5)
-    with MtEmulator(link=tmp_path / "mti") as sensor:
-        device = device_of(sensor, tmp_path)
-        device.open()
-        device.start()
+    with MtEmulator(link=tmp_path / "mti") as sensor, started(sensor, tmp_path) as device:
         read_for(device, 20.0, enough=20)
         sensor.measuring, sensor.configuration = False, FACTORY
         with pytest.raises(DeviceLost):
@@ -238,8 +244,6 @@ def test_a_sensor_that_stops_is_started_again(tmp_path: Path, monkeypatch: pytes
         device.start()
         assert sample_blocks(read_for(device, 20.0, enough=20))
         assert sensor.configuration != FACTORY
-        assert device.restore()
-        device.close()
 
 
 def test_listen_only_writes_nothing(tmp_path: Path) -> None:
