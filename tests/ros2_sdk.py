@@ -14,28 +14,18 @@ import sys
 import time
 from typing import Any
 
-SEPARATOR = f"\n{'=' * 80}\n"
-IMU_DEFINITION = SEPARATOR.join(
-    [
-        "std_msgs/Header header\ngeometry_msgs/Quaternion orientation\nfloat64[9] orientation_covariance\n"
-        "geometry_msgs/Vector3 angular_velocity\nfloat64[9] angular_velocity_covariance\n"
-        "geometry_msgs/Vector3 linear_acceleration\nfloat64[9] linear_acceleration_covariance",
-        "MSG: std_msgs/Header\nbuiltin_interfaces/Time stamp\nstring frame_id",
-        "MSG: builtin_interfaces/Time\nint32 sec\nuint32 nanosec",
-        "MSG: geometry_msgs/Quaternion\nfloat64 x\nfloat64 y\nfloat64 z\nfloat64 w",
-        "MSG: geometry_msgs/Vector3\nfloat64 x\nfloat64 y\nfloat64 z",
-    ]
-)
 IMU_HASH = "RIHS01_7d9a00ff131080897a5ec7e26e315954b8eae3353c3f995c55faf71574000b5b"
 COUNT, RATE_HZ = 400, 200.0
 
 
 def publish(topic: str, where: dict[str, Any]) -> None:
     import numpy as np
+    from rosbags.typesys import Stores, get_typestore
     from zenoh_ros2_sdk import ROS2Publisher
 
+    definition, _ = get_typestore(Stores.ROS2_HUMBLE).generate_msgdef("sensor_msgs/msg/Imu", ros_version=2)
     made = ROS2Publisher(
-        topic, "sensor_msgs/msg/Imu", IMU_DEFINITION, node_name="sdk_driver", type_hash=IMU_HASH, **where
+        topic, "sensor_msgs/msg/Imu", definition, node_name="sdk_driver", type_hash=IMU_HASH, **where
     )
     types = made.session_mgr.store.types
     vector, zeros = types["geometry_msgs/msg/Vector3"], np.zeros(9)
