@@ -19,12 +19,13 @@ URL_PARAMETERS = f"?columns={COLUMNS}"
 
 
 @contextmanager
-def datagrams(port: int, data: bytes, period_s: float = 0.02) -> Iterator[None]:
-    """Send the same datagram again and again; none, if it is empty."""
+def datagrams(port: int, data: bytes, host: str = "127.0.0.1", period_s: float = 0.02) -> Iterator[None]:
+    """Send the same datagram again and again from an address; none, if it is empty."""
     ending = threading.Event()
 
     def send() -> None:
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as board:
+            board.bind((host, 0))
             while data and not ending.wait(period_s):
                 board.sendto(data, ("127.0.0.1", port))
 
@@ -43,14 +44,15 @@ class LineSender(EmulatedSensor):
     Attributes
     ----------
     url : value of ``--port`` that reads it.
+    port : of its server, or to which it sends datagrams.
     """
 
     def __init__(self, kind: Literal["pty", "tcp", "udp"], directory: Path, rate_hz: float = 200.0) -> None:
-        self._kind, self._port, self.rate_hz = kind, free_port(), rate_hz
+        self._kind, self.port, self.rate_hz = kind, free_port(), rate_hz
         places = {
             "pty": f"{directory / 'board'}",
-            "tcp": f"tcp://127.0.0.1:{self._port}",
-            "udp": f"udp://:{self._port}",
+            "tcp": f"tcp://127.0.0.1:{self.port}",
+            "udp": f"udp://:{self.port}",
         }
         self.url = f"lines:{places[kind]}{URL_PARAMETERS}"
         self._server: socket.socket | None = None
@@ -64,7 +66,7 @@ class LineSender(EmulatedSensor):
         if self._kind == "pty":
             super().replug()
         elif self._kind == "tcp":
-            self._server = socket.create_server(("127.0.0.1", self._port))
+            self._server = socket.create_server(("127.0.0.1", self.port))
             self._server.setblocking(False)
 
     def unplug(self) -> None:
@@ -92,7 +94,7 @@ class LineSender(EmulatedSensor):
             return
         if self._kind == "udp":
             for line in data.splitlines():
-                self._datagrams.sendto(line, ("127.0.0.1", self._port))
+                self._datagrams.sendto(line, ("127.0.0.1", self.port))
         elif self._master is not None:
             os.write(self._master, data)
         elif self._server is not None:

@@ -104,32 +104,17 @@ def received(reader: SerialPort, lines: int) -> Counter[bytes]:
 
 
 def test_the_address_of_the_sender_may_be_given(tmp_path: Path) -> None:
-    """The other sender comes first; the report and the log name it once, and its lines are no samples."""
-    port, ending = free_port(), threading.Event()
-
-    def send(far: socket.socket, sensor: socket.socket) -> None:
-        count = 0
-        while not ending.wait(0.005):
-            stamp, count = int(1e6 * time.monotonic()), count + 1
-            for sender, value in ((far, 5.0), (sensor, 0.001 * (count % 7))):
-                line = ",".join([str(stamp), *[f"{value:.3f}"] * 6])
-                sender.sendto(line.encode(), ("127.0.0.1", port))
-
-    url = f"lines:udp://:{port}?from=127.0.0.1&columns={COLUMNS}"
-    with ExitStack() as opened:
-        sockets = [opened.enter_context(socket.socket(socket.AF_INET, socket.SOCK_DGRAM)) for _ in range(2)]
-        sockets[0].bind(("127.0.0.2", 0))
-        daemon = opened.enter_context(Daemon(url, tmp_path / "state", "--duration", "60", "--no-guards"))
-        thread = threading.Thread(target=send, args=sockets)
-        thread.start()
-        try:
-            made = daemon.wait(lambda made: made.session.samples > 200)
-        finally:
-            ending.set()
-            thread.join()
-    assert made.channels["gyro/x"].mean == pytest.approx(0.003, abs=0.001)
-    assert "127.0.0.2" in " ".join(made.device.remarks)
-    assert daemon.log.count("another sender") == 1
+    """The report and the log name the other one once, and its lines are no samples."""
+    with (
+        LineSender("udp", tmp_path) as sender,
+        datagrams(sender.port, b"1,5,5,5,5,5,5\n", host="127.0.0.2"),
+        Daemon(sender.url.replace("?", "?from=127.0.0.1&"), tmp_path / "state", "--no-guards") as daemon,
+    ):
+        made = daemon.wait(
+            lambda made: made.session.samples > 200 and "127.0.0.2" in " ".join(made.device.remarks)
+        )
+        assert daemon.log.count("another sender") == 1
+    assert abs(made.channels["gyro/x"].mean) < 0.1
 
 
 def test_the_end_of_standard_input_ends_the_run_with_its_report(tmp_path: Path) -> None:
