@@ -27,7 +27,7 @@ from waiting import until
 from imumon.bus import BusError, Publisher, Subscriber, clean_id, zenoh_session
 from imumon.bus.publisher import CURVES
 from imumon.bus.queryable import MAX_QUEUED
-from imumon.bus.zenoh_session import LEASE_S, check_endpoint, is_local
+from imumon.bus.zenoh_session import check_endpoint, is_local
 from imumon.config import ZenohSettings
 from imumon.model.report import Event, Report, from_json
 from imumon.model.report_json import to_json
@@ -322,6 +322,11 @@ def sockets(pid: int) -> tuple[set[str], int]:
     return listening, sum(each.type == socket.SOCK_DGRAM for each in every)
 
 
+PATIENCE_S = 600.0
+PATIENT = {"transport/link/tx/lease": round(1000 * PATIENCE_S)}
+"""Settings of a program that may be silent for longer than a test takes, before others close their links to it."""
+
+
 def last_number(subscriber: Actor) -> int:
     """Return the number of the last report of device a in a subscriber process; 0: none yet."""
     return int(subscriber.messages[-1].get("numbers", {}).get("a", 0)) if subscriber.messages else 0
@@ -342,9 +347,9 @@ def test_a_daemon_listens_on_its_endpoint_only_and_a_subscriber_on_none() -> Non
 def test_a_stopped_subscriber_delays_neither_the_daemon_nor_other_subscribers() -> None:
     with stage() as start:
         address = free_endpoint()
-        # 60 kB at 100 Hz: more than all buffers hold until the lease of the stopped subscriber ends
+        # 60 kB at 100 Hz: more than all buffers hold
         daemon = start("daemon", listen=[address], period=0.01, octaves=60)
-        subscribers = [start("subscriber", connect=[address]) for _ in range(3)]
+        subscribers = [start("subscriber", connect=[address], raw=PATIENT) for _ in range(3)]
         daemon.ready()
         for subscriber in subscribers:
             until(lambda subscriber=subscriber: last_number(subscriber))
@@ -356,14 +361,14 @@ def test_a_stopped_subscriber_delays_neither_the_daemon_nor_other_subscribers() 
         arrivals = [message["at"] for message in healthy.messages[first:]]
         gaps = [b - a for a, b in itertools.pairwise(arrivals)]
         state = daemon.request("state")
-        assert max(gaps) < 0.75 * LEASE_S  # who waits for a stopped subscriber waits for its lease
-        assert state["longest"] < 0.75 * LEASE_S  # longest call of `publish`
+        assert max(gaps) < 0.1 * PATIENCE_S  # who waits for a stopped subscriber waits for its lease
+        assert state["longest"] < 0.1 * PATIENCE_S  # longest call of `publish`
         assert state["error"] is None
         resumed.kill(signal.SIGCONT)
         number = last_number(healthy)
         until(lambda: last_number(resumed) > number)
         daemon.send("stop")
-        assert until(lambda: daemon.messages[-1].get("closed_s")) < 0.8 * LEASE_S
+        assert until(lambda: daemon.messages[-1].get("closed_s")) < 0.1 * PATIENCE_S
         healthy.send("stop")
         assert daemon.process.wait(60) == healthy.process.wait(60) == 0
 
@@ -374,16 +379,14 @@ def test_a_subscriber_that_starts_first_connects_to_the_daemon_and_its_successor
         with Subscriber([address]) as subscriber:
             assert not subscriber.connected()
             assert subscriber.wait_report(timeout=0.1) is None
-            daemon = start("daemon", listen=[address]).ready()
+            daemon = start("daemon", listen=[address], raw=PATIENT).ready()
             assert subscriber.wait_report("a", timeout=60.0)
             until(lambda: subscriber.alive() == {"a"})
             for number in range(2):
                 daemon.kill()
-                until(
-                    lambda: not subscriber.alive(), 1.0
-                )  # the kernel closes the link, so there is no wait for the lease
+                until(lambda: not subscriber.alive())  # the kernel closes the link: none waits for the lease
                 until(lambda: not subscriber.connected())
-                daemon = start("daemon", listen=[address], period=0).ready()  # a single report
+                daemon = start("daemon", listen=[address], period=0, raw=PATIENT).ready()  # a single report
                 until(lambda: subscriber.alive() == {"a"})
                 until(lambda: subscriber.reports()["a"][0].session.samples == 1)
                 daemon.send(f"events {number + 1}")

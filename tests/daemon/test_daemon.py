@@ -173,7 +173,6 @@ def test_what_has_come_by_the_stop_counts(tmp_path: Path) -> None:
         time.sleep(0.3)  # more gathers, and is in no report yet
         after = sensor.ask("stall 600")
         all_is_read()
-        time.sleep(0.1)  # the thread that has read it puts it into the queue
         daemon.process.send_signal(signal.SIGTERM)
         last = daemon.wait(lambda r: r.state == "stopped")
         assert after["replies"] == 0

@@ -105,8 +105,8 @@ def test_the_rate_of_a_stream_without_a_clock_is_checked(case: Case, fault: str)
     [
         ("jump 5000", "clock", "failed", "jumped"),
         ("jump -0.5", "clock", "failed", "jumped"),
-        ("stall 1.3", "stream", "warning", "no data"),
-        ("silence 1.3", "stream", "warning", "no data"),
+        ("stall 600", "stream", "warning", "no data"),
+        ("silence 600", "stream", "warning", "no data"),
         ("unplug", "sensor", "failed", "unplugged"),
         ("reboot", "sensor", "failed", ""),
     ],
@@ -121,7 +121,9 @@ def test_events_during_the_observation_are_detected(
             if step.startswith("observing"):
                 threading.Timer(0.15, lambda: answers.append(str(sensor.ask(command)))).start()
 
-        results = {c.name: c for c in examine(replace(case, port=sensor.path, seconds=1.5), act)}
+        # a busy machine may act late: a second of silence is left all the same
+        seconds = 4.0 if name == "stream" else 1.5
+        results = {c.name: c for c in examine(replace(case, port=sensor.path, seconds=seconds), act)}
     assert answers
     if command == "reboot":  # it sends its factory stream again: one of the two shows
         assert results["stream"].status == "warning" or failed(results), results
@@ -276,15 +278,19 @@ def doctor(*arguments: str, cwd: Path) -> subprocess.CompletedProcess[str]:
 def test_a_running_daemon_is_queried_and_not_disturbed(tmp_path: Path) -> None:
     with spawn(EmulatorSettings(seed=1)) as sensor, Daemon(sensor.path, tmp_path / "state") as daemon:
         before = daemon.samples()
-        done = doctor("--port", sensor.path, "--connect", daemon.endpoint, "--json", cwd=tmp_path)
+
+        def examined() -> dict[str, dict[str, str]]:
+            """Return the checks once the rate is right, as for a factory sensor."""
+            done = doctor("--port", sensor.path, "--connect", daemon.endpoint, "--json", cwd=tmp_path)
+            output = json.loads(done.stdout)
+            assert (done.returncode, output["schema"]) == (0, "imumon.doctor/1"), done.stdout
+            results = {check["name"]: check for check in output["checks"]}
+            return results if results["rate"]["status"] == "ok" else {}
+
+        results = until(examined)
         after = daemon.wait(lambda r: r.session.samples > before.session.samples + 50)
         daemon.stop()
-    output = json.loads(done.stdout)
-    results = {check["name"]: check for check in output["checks"]}
-    assert done.returncode == 0, done.stdout
-    assert output["schema"] == "imumon.doctor/1"
     assert "its counters are checked" in results["port"]["text"]
-    assert results["rate"]["status"] == "ok"
     assert results["compensation"]["status"] == "ok"
     assert (after.session.missing, after.session.gaps, after.session.bad_checksums) == (0, 0, 0)
 
