@@ -43,7 +43,9 @@ def adds_up(report: Report) -> None:
     assert round(session.elapsed_s * rate) == session.samples + session.missing
 
 
-def test_from_bytes_to_a_grade_and_back_to_rest(tmp_path: Path) -> None:
+@pytest.mark.few
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT, signal.SIGHUP, signal.SIGQUIT])
+def test_from_bytes_to_a_grade_and_back_to_rest(tmp_path: Path, number: signal.Signals) -> None:
     with spawn(EmulatorSettings(seed=1)) as sensor, Daemon(sensor.path, tmp_path) as daemon:
         report = daemon.wait(
             lambda r: (
@@ -61,8 +63,8 @@ def test_from_bytes_to_a_grade_and_back_to_rest(tmp_path: Path) -> None:
         n = report.channels["gyro/x"].coefficients["N"]
         assert n.status == "measured"
         assert 0.9 * n.low < 6.1e-5 < 1.1 * n.high
-        code, _, _ = daemon.stop()
-        assert code == 0
+        code, _, _ = daemon.stop(number)
+        assert code == (130 if number == signal.SIGINT else 0)
         assert not list(tmp_path.glob("*.found.json"))  # the sensor has its own settings back
 
 
@@ -196,16 +198,6 @@ def test_a_stop_saves_before_its_last_report(tmp_path: Path, monkeypatch: pytest
     with spawn(EmulatorSettings(seed=2)) as sensor:
         outcome = here(sensor.path, tmp_path, duration_s=2.0).run()
     assert saved == [outcome.report.session.samples]
-
-
-@pytest.mark.few
-@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT, signal.SIGHUP, signal.SIGQUIT])
-def test_a_signal_that_ends_the_daemon_restores_the_sensor(tmp_path: Path, number: signal.Signals) -> None:
-    with spawn(EmulatorSettings(seed=2)) as sensor, Daemon(sensor.path, tmp_path) as daemon:
-        daemon.samples(100)
-        code, _, _ = daemon.stop(number)
-        assert code == (130 if number == signal.SIGINT else 0)
-        assert not list(tmp_path.glob("*.found.json"))  # the sensor has its own settings back
 
 
 # ---------------------------------------- the history of a real daemon

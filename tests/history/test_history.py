@@ -10,7 +10,7 @@ import sqlite3
 import subprocess
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import closing
 from datetime import UTC, datetime
 from pathlib import Path
@@ -116,37 +116,47 @@ def test_a_selection_takes_what_lies_or_lasts_in_it(
         assert [timed.period.number for timed in store.periods(selected)] == numbers
 
 
-@pytest.mark.few
-@pytest.mark.parametrize("damage", ["text", "cut", "middle", "earlier", "later", "link", "other"])
-def test_a_file_that_cannot_be_used_is_set_aside(tmp_path: Path, damage: str) -> None:
+def of_version(path: Path, version: int) -> None:
+    write(path.parent, "imu", [period(0)])
+    with closing(sqlite3.connect(path)) as other:
+        other.execute(f"PRAGMA user_version = {version}")
+
+
+def of_another_program(path: Path) -> None:
+    with closing(sqlite3.connect(path)) as other:
+        other.execute("CREATE TABLE theirs (x)")
+
+
+def linked(path: Path) -> None:
+    (path.parent / "elsewhere").write_bytes(b"mine")
+    path.symlink_to(path.parent / "elsewhere")
+
+
+@pytest.mark.few(2)
+@pytest.mark.parametrize(
+    ("damaged", "reason"),
+    [
+        (
+            lambda path: path.write_bytes(b"this is no database, but long enough to look like one" * 99),
+            "damaged",
+        ),
+        (lambda path: of_version(path, VERSION + 1), "other-version"),
+        (lambda path: of_version(path, VERSION - 1), "other-version"),
+        (of_another_program, "damaged"),
+        (linked, "damaged"),
+    ],
+)
+def test_a_file_that_cannot_be_used_is_set_aside(
+    tmp_path: Path, damaged: Callable[[Path], object], reason: str
+) -> None:
     path = tmp_path / "imu.history.sqlite"
-    if damage == "text":
-        path.write_bytes(b"this is no database, but long enough to look like one" * 99)
-    elif damage == "link":
-        (tmp_path / "elsewhere").write_bytes(b"mine")
-        path.symlink_to(tmp_path / "elsewhere")
-    elif damage == "other":
-        with sqlite3.connect(path) as other:
-            other.execute("CREATE TABLE theirs (x)")
-        other.close()
-    else:
-        write(tmp_path, "imu", [period(k) for k in range(300)])
-        data = path.read_bytes()
-        if damage in ("earlier", "later"):
-            with sqlite3.connect(path) as other:
-                other.execute(f"PRAGMA user_version = {VERSION + (1 if damage == 'later' else -1)}")
-            other.close()
-        else:
-            half = len(data) // 2
-            cut = data[:half] if damage == "cut" else data[:half] + b"\xaa" * 8192 + data[half + 8192 :]
-            path.write_bytes(cut)
+    damaged(path)
     before = path.read_bytes()
     history = History(tmp_path, "imu", keep_days=400)
     history.add([period(0).period], RECORD, BEGIN)
     notes: list[str] = []
     until(lambda: notes.extend(text for text, _ in history.problems()) or notes)
     history.close()
-    reason = "other-version" if damage in ("earlier", "later") else "damaged"
     assert (tmp_path / f"imu.{reason}-1.history.sqlite").read_bytes() == before
     assert "a new history begins" in notes[0]
     assert len(read(path)) == len(NAMES) + 1

@@ -11,9 +11,7 @@ from noise_fits import fits_of
 
 from imumon.model.samples import Floats
 from imumon.noise import ChannelFit, markov_law, synthesise
-from imumon.noise.fit.likelihood import Surface, quantiles
-from imumon.noise.fit.markov_search import MarkovSurface, mixed_with
-from imumon.noise.fit.model import FLICKER, WALK, WHITE, GaussMarkov, NoiseTerm
+from imumon.noise.fit.model import WALK, WHITE, GaussMarkov
 
 RATE_HZ, LENGTH, N = 10.0, 50_000, 6.8e-4
 
@@ -100,38 +98,6 @@ def test_what_the_record_does_not_tell_apart_is_indistinct_with_bounds() -> None
         assert fit.markov.sigma.value is None
         assert "does not distinguish it from" in (fit.markov.sigma.reason or "")
         assert fit.markov.sigma.high is not None
-
-
-@pytest.mark.slow
-def test_a_likelihood_with_correlated_noise_has_no_weight_outside_of_its_grid() -> None:
-    """Far outside of its points, a cubic may have any value: there, M would add B or K that the record excludes."""
-    markov = GaussMarkov("M", 100.0)
-    inner = surface(
-        {
-            FLICKER: np.linspace(2.0, 3.0, 10),
-            WALK: np.linspace(0.0, 1.0, 10),
-            markov: np.linspace(0.5, 1.5, 10),
-        }
-    )
-    without = surface({FLICKER: np.linspace(0.0, 3.0, 20), WALK: np.linspace(0.0, 1.0, 20)})
-    with_term = MarkovSurface(inner, markov, np.array([100.0]), np.ones(1), 1e6, inner.powers)
-    both = mixed_with(without, with_term)
-    for term in (FLICKER, WALK):
-        expected = quantiles(inner, term, np.array([0.025, 0.5, 0.975]))
-        assert quantiles(both, term, np.array([0.025, 0.5, 0.975])) == pytest.approx(
-            expected, abs=0.08
-        )  # half a cell of the wider grid
-
-
-def surface(grids: dict[NoiseTerm, Floats]) -> Surface:
-    """Return a likelihood that is largest in the middle of each grid."""
-    centers = [(grid - grid[0]) / np.ptp(grid) for grid in grids.values()]
-    axes = np.meshgrid(*centers, indexing="ij")
-    # its cubic rises far below the points
-    log = sum(-60.0 * (axis - 0.5) ** 2 - 40.0 * (axis - 0.5) ** 3 for axis in axes)
-    m = np.size(log)
-    none = np.zeros((m, 0))
-    return Surface(grids, np.ravel(log), {WHITE: np.ones(m)}, {WHITE: np.ones(m)}, np.zeros(m), none, none)
 
 
 def test_a_mean_that_moves_once_is_no_walk() -> None:
