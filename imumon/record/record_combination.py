@@ -21,7 +21,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from datetime import datetime
 
-from imumon.model.coefficients import LIMIT_95, NOISE, Estimate, MarkovEstimate
+from imumon.model.coefficients import LIMIT_95, NOISE, NOT_WHITE, Estimate, MarkovEstimate
 from imumon.model.errors import ImumonError
 from imumon.model.grading import LIMITS, grade_sensor
 from imumon.model.ledger import merged
@@ -124,6 +124,9 @@ def _channel(name: ChannelName, reports: Sequence[Report]) -> Channel:
         estimates = [part.coefficients[letter] for part in parts if letter in part.coefficients]
         shared = max(shared_share(report, name, letter) for report in reports)
         coefficients[letter] = combined_estimate(estimates, shared)
+        # what is not white in one record has no grade in all of them
+        if any(part.reason_code == NOT_WHITE for part in estimates):
+            coefficients[letter] = replace(coefficients[letter], reason_code=NOT_WHITE)
     sensor = name.sensor
     return Channel(
         unit=parts[0].unit,
@@ -186,7 +189,6 @@ def combined_estimate(estimates: Sequence[Estimate], systematic: float = 0.0) ->
         unit=unit,
         scatter=mean.scatter * mean.value,
         dof=mean.dof,
-        reason_code=next((part.reason_code for part in measured if part.reason_code), None),
     )
 
 

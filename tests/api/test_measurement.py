@@ -21,7 +21,7 @@ from paths import ROOT
 
 import imumon
 from imumon import Measurement
-from imumon.model.coefficients import Estimate
+from imumon.model.coefficients import NOT_WHITE, Estimate
 from imumon.model.errors import ImumonError
 from imumon.model.samples import Floats
 from imumon.noise.uncertainty import of_records
@@ -225,6 +225,23 @@ def test_the_limits_of_a_combination_hold_the_scatter_between_records(days: list
     assert combined.settings("kalibr")["gyroscope_noise_density"] > 0.99 * n.value
     with pytest.raises(ImumonError):
         combined.plot()
+
+
+def test_noise_that_is_not_white_in_one_record_has_no_grade_in_all(days: list[Measurement]) -> None:
+    one = days[0].report
+    channels = {
+        name: replace(
+            channel,
+            coefficients={
+                **channel.coefficients,
+                "N": replace(channel.coefficients["N"], reason_code=NOT_WHITE),
+            },
+        )
+        for name, channel in one.channels.items()
+    }
+    combined = imumon.combine([replace(days[0], report=replace(one, channels=channels)), *days[1:]])
+    assert combined.grade["gyro"].meets is None
+    assert "not white" in (combined.grade["gyro"].reason or "")
 
 
 def test_the_command_combines_files(tmp_path: Path, days: list[Measurement]) -> None:
