@@ -1,12 +1,15 @@
-"""A sensor on a pseudo-terminal that runs in a thread, loses samples, and can be unplugged."""
+"""Sensors and other devices on a pseudo-terminal that run in a thread, lose samples, and can be unplugged."""
 
 from __future__ import annotations
 
 import os
+import random
 import threading
 import time
 import tty
 from contextlib import suppress
+from functools import reduce
+from operator import xor
 from pathlib import Path
 from typing import Self
 
@@ -87,3 +90,34 @@ class EmulatedSensor:
         while not self._ending.wait(PERIOD_S):
             with self._lock, suppress(OSError):
                 self.step()
+
+
+FOREIGN_HZ = 10
+"""Hz, messages of devices on a serial line that are no VN-100 and answer nothing."""
+
+
+def foreign_message(kind: str, number: int) -> bytes:
+    """Return what the device sends as its message of this number."""
+    if kind == "silent":
+        return b""
+    if kind == "garbage":
+        return random.Random(number).randbytes(64)
+    if kind == "text":
+        return b"temp=21.5C humidity=40% ok\r\n"
+    second, tenth = divmod(number, FOREIGN_HZ)
+    body = f"GPGGA,1200{second % 60:02d}.{tenth}0,4807.038,N,01131.000,E,1,08,0.9,545.4,M,46.9,M,,"
+    return f"${body}*{reduce(xor, body.encode()):02X}\r\n".encode()
+
+
+class ForeignDevice(EmulatedSensor):
+    """A GNSS receiver, unrelated bytes, silence or text on a terminal."""
+
+    rate_hz = FOREIGN_HZ
+
+    def __init__(self, kind: str) -> None:
+        self._kind = kind
+        super().__init__()
+
+    def step(self) -> None:
+        for number in self.due():
+            os.write(self._master or 0, foreign_message(self._kind, number))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import random
 from collections.abc import Mapping
 
-import foreign_device
+from emulated_sensor import FOREIGN_HZ, foreign_message
 
 from imumon.config import DeviceSettings
 from imumon.model.samples import Notice, SampleBlock
@@ -41,7 +41,7 @@ class Bench:
         self.adapter_can = set(BAUD_RATES)
         self.dead = False
         self.steps_left: int | None = None  # reads and writes until the process is killed
-        self.impostor: str | None = None  # a kind of `foreign_device`
+        self.impostor: str | None = None  # a kind of `foreign_message`
         self._count = 0
         self.refuses = b""
         self._line_baud = self.device.baud
@@ -73,8 +73,8 @@ class Bench:
         sent = [message for _, message in self.device.advance(int(self.now * 800))]
         sent += self.device.replies(self.now)
         if self.impostor is not None:
-            first, self._count = self._count, int(self.now * foreign_device.RATE_HZ)
-            sent = [foreign_device.message(self.impostor, number) for number in range(first, self._count)]
+            first, self._count = self._count, int(self.now * FOREIGN_HZ)
+            sent = [foreign_message(self.impostor, number) for number in range(first, self._count)]
         if self.dead:
             return
         for message in sent:

@@ -10,8 +10,7 @@ from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
 import pytest
-from daemons import Daemon
-from metrics_viewer import MetricsViewer, scraped, values
+from daemons import Daemon, MetricsViewer, scraped, values
 from usage import resident_kb
 
 from imumon.bus import Subscriber

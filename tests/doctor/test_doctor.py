@@ -15,9 +15,9 @@ import forked
 import pytest
 import reports
 from daemons import Daemon
+from emulated_sensor import ForeignDevice
 from fake_device import FakeDriver
 from faulty_sensor import spawn
-from foreign_device import ForeignDevice
 from free_ports import free_endpoint
 from waiting import until
 

@@ -8,8 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from daemons import Daemon
-from metrics_viewer import MetricsViewer, scraped, values
+from daemons import Daemon, MetricsViewer, scraped, values
 from paths import ROOT
 from reports import warming_up as report
 from waiting import until

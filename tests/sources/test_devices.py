@@ -31,6 +31,7 @@ from waiting import until
 
 from imumon.model.samples import DeviceCounters, DeviceInfo, Gap, Item
 from imumon.sources import registry
+from imumon.sources.clock import HostClock
 from imumon.sources.device import (
     Device,
     DeviceEnded,
@@ -354,3 +355,22 @@ def test_the_example_of_the_documentation_runs(tmp_path: Path) -> None:
     assert made.device.sample_rate_hz == pytest.approx(200.0, rel=1e-3)
     assert made.session.samples > 200
     assert made.session.received_bytes > 0
+
+
+@pytest.mark.parametrize("factor", [0.5, 1.0, 60.0, 5000.0])
+def test_a_length_of_the_record_and_back_is_the_same(factor: float) -> None:
+    clock = HostClock(factor)
+    assert clock.to_host_s(clock.to_sample_s(3.0)) == pytest.approx(3.0, rel=1e-15)
+    assert clock.is_real_time == (factor == 1.0)
+
+
+@pytest.mark.parametrize("factor", [0.0, -1.0, float("nan")])
+def test_a_factor_that_is_none_is_refused(factor: float) -> None:
+    with pytest.raises(ValueError, match="above 0"):
+        HostClock(factor)
+
+
+def test_a_system_that_does_not_count_its_sleep_has_an_uptime_too(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delattr(time, "CLOCK_BOOTTIME", raising=False)
+    before = HostClock().uptime_s()
+    assert before <= HostClock().uptime_s() < before + 60.0
