@@ -152,13 +152,30 @@ def _answered(question: Any, wanted: Any) -> Any:
     print(f"Use this? {choices} ", end="", file=sys.stderr, flush=True)
     answer = sys.stdin.readline().strip().lower() or ("n" if question.lacks else "y")
     if answer in ("y", "yes") and not question.lacks:
-        return replace(wanted, accept=True)
+        return replace(wanted, read=replace(wanted.read, accept=True))
     if answer != "e":
         return None
-    print(f"{question.proposal}\n--map ", end="", file=sys.stderr, flush=True)
-    edited = sys.stdin.readline().strip() or question.proposal
+    edited = _edited(question.proposal) or question.proposal
     read = replace(wanted.read, columns=parse_map(edited), where=question.where or wanted.read.where)
     return replace(wanted, read=read)
+
+
+def _edited(text: str) -> str:
+    """Return a text as a person edits it; where the line cannot be edited, it is above one that is typed anew."""
+    try:
+        import readline
+    except ImportError:  # a Python that was built without it
+        readline = None  # type: ignore[assignment]
+    if readline is None or not sys.stdout.isatty():
+        print(f"{text}\n--map ", end="", file=sys.stderr, flush=True)
+        return sys.stdin.readline().strip()
+    readline.set_startup_hook(lambda: readline.insert_text(text))
+    try:
+        return input("--map ").strip()
+    except EOFError:
+        return ""
+    finally:
+        readline.set_startup_hook()
 
 
 def add_replay(parser: Parser) -> None:

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import json
 import os
+import pty
 import shlex
 import subprocess
 import sys
+from contextlib import suppress
 from pathlib import Path
 
+import forked
 import numpy as np
 import psutil
 import pytest
@@ -208,3 +211,31 @@ def test_a_proposal_is_an_option_that_can_be_pasted(tmp_path: Path) -> None:
     proposed = shlex.split(errors.splitlines()[-1].partition(": ")[2])
     for words in (proposed, ["--accept"]):
         assert run_inside(["replay", str(log), *words])[0] == 0
+
+
+@pytest.mark.parametrize(
+    ("typed", "code"), [("y\n", 0), ("\n", 0), ("n\n", 2), ("e\n\n", 0), ("e\n\x7f\x7fus\n", 0)]
+)
+def test_a_question_on_a_terminal_has_an_answer(typed: str, code: int, tmp_path: Path) -> None:
+    """Yes, no, or the proposal as an editor of lines has it: backspaces delete its end."""
+    (tmp_path / "log.txt").write_text(SAMPLES)
+    master, slave = pty.openpty()
+    process = forked.Forked(["replay", "log.txt"], (slave, slave, slave), tmp_path, {"TERM": "xterm"})
+    os.close(slave)
+    shown = b""
+    try:
+        for line in typed.splitlines(keepends=True):
+            while not shown.endswith((b"n/e] ", b":ms")):
+                shown += os.read(master, 65536)
+            os.write(master, line.encode())
+            shown += b"\n"
+        with suppress(OSError):  # the end of a terminal
+            while part := os.read(master, 65536):
+                shown += part
+        assert process.wait(60) == code
+    finally:
+        process.kill()
+        os.close(master)
+    assert b"Traceback" not in shown
+    assert (b"at 100 Hz" in shown) == (code == 0 and "us" not in typed)
+    assert (b"at 100000 Hz" in shown) == ("us" in typed)
