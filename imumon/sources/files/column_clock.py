@@ -97,7 +97,7 @@ class ColumnClock:
             rate, text = Unit("rate", self._rate), f"{self._rate:g}"
             return Use("rate", unit=text, known=rate, certain=True, reason=self._reason)
         reason = "no column is a time, and nothing states the rate"
-        return Use("rate", reason=reason, assumption="assumed_rate")
+        return Use("rate", reason=reason, assumptions=("assumed_rate",))
 
     def use_of(self, column: NamedColumn) -> Use:
         """Return the time that a column is, with its unit; raise `RecordingError` if that is stated and not known."""
@@ -119,7 +119,7 @@ class ColumnClock:
             text, reason = _proposal(column, rates)
             certain = False
         known = known_unit(text, "t")
-        return Use("t", (column.index,), ("",), text, known, certain, reason, "assumed_rate")
+        return Use("t", (column.index,), ("",), text, known, certain, reason, ("assumed_rate",))
 
     def _unit(self, column: NamedColumn) -> str:
         """Return the unit of a clock that is stated, is its name, or is shown by a time since 1970; empty: none."""

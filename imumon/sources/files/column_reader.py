@@ -189,7 +189,7 @@ class _ColumnReader:
         moving = [t for t in free if _moves(t)]
         self._gravity = next(filter(None, map(_unit_of_one_g, moving)), "")
         uses = [_in_order(use, triple) for triple in moving if (use := self._sensor(triple)) is not None]
-        nameless = [use for use in uses if use.key == "gyro" and use.assumption == "assumed_columns"]
+        nameless = [use for use in uses if use.key == "gyro" and "assumed_columns" in use.assumptions]
         if len(nameless) > MOST_NAMELESS:
             uses = [use for use in uses if use not in nameless]
         keys, used = {use.key for use in uses}, {k for use in uses for k in use.columns}
@@ -264,7 +264,7 @@ class _ColumnReader:
                     unit,
                     reason,
                     certain=certain,
-                    assumption="assumed_columns",
+                    assumptions=("assumed_columns",),
                     kind="deltas",
                 )
         return None
@@ -343,12 +343,12 @@ class _ColumnReader:
         kinds = [wanted, *KINDS] if wanted else [*KINDS]
         order: float = kinds.index(use.kind) if use.kind in kinds else 1.5
         # what only a size shows to be increments comes last
-        inferred = use.kind == "deltas" and (not use.certain or use.assumption == "assumed_columns")
+        inferred = use.kind == "deltas" and (not use.certain or "assumed_columns" in use.assumptions)
         words = words_of(self._names[use.columns[0]])
         direct = re.search(r"gyr" if use.key == "gyro" else r"acc", words)
         fused = re.search(r"motion|user|fused|rotation ?rate", words) is not None
         # the field of the earth has a length, and the rate of a sensor at rest hardly one
-        is_unnamed = use.assumption == "assumed_columns" and use.key == "gyro"
+        is_unnamed = "assumed_columns" in use.assumptions and use.key == "gyro"
         return (
             wanted is not None and use.kind != wanted,
             use.known is None,
@@ -374,7 +374,8 @@ class _ColumnReader:
             if alike and same_sensor(first.rows, other.rows):
                 reason = f"{other.label} have the mean and the noise of {first.label}: a row may have several samples"
                 reason += "" if best.certain else f"; {best.reason}"
-                return replace(best, certain=False, reason=reason, assumption="assumed_columns")
+                assumptions = dict.fromkeys((*(() if best.certain else best.assumptions), "assumed_columns"))
+                return replace(best, certain=False, reason=reason, assumptions=tuple(assumptions))
         return best
 
     def _note_others(self, key: str, ranked: Sequence[Use]) -> None:
@@ -401,9 +402,9 @@ class _ColumnReader:
         if gyro.certain or gyro.kind == "deltas":
             return gyro
         triple = self._triple_of(gyro)
-        if accel is not None and accel.kind == "deltas" and gyro.assumption == "assumed_columns":
+        if accel is not None and accel.kind == "deltas" and "assumed_columns" in gyro.assumptions:
             reason = f"{triple.label} are beside increments: rad"
-            return _use("gyro", triple, "rad", reason, assumption="assumed_columns", kind="deltas")
+            return _use("gyro", triple, "rad", reason, assumptions=("assumed_columns",), kind="deltas")
         noise = sample_noise(triple.rows) * (self._step_s or 0.0)
         for other in self._triples:
             of_deltas = DELTA.search(other.words) and not OTHER.search(other.words)
@@ -539,13 +540,13 @@ def _use(
     reason: str,
     *,
     certain: bool = False,
-    assumption: Assumption = "assumed_unit",
+    assumptions: tuple[Assumption, ...] = ("assumed_unit",),
     scale: float = 1.0,
     kind: Kind | None = None,
 ) -> Use:
     """Return the sensor that a triple is in a unit; empty: nothing shows it."""
     known, kind = known_unit(unit, key) if unit else None, kind or kind_of(triple.words)
-    return Use(key, triple.indices, triple.axes, unit, known, certain, reason, assumption, scale, kind)
+    return Use(key, triple.indices, triple.axes, unit, known, certain, reason, assumptions, scale, kind)
 
 
 def _by_gravity(triple: Triple, *, named: bool) -> Use:
@@ -562,8 +563,15 @@ def _by_gravity(triple: Triple, *, named: bool) -> Use:
     in_one = len(units) == 1 and not triple.counts and bool(triple.stem.strip() or named)
     counts = ", or in counts" if triple.counts else ""
     reason = f"the length of {triple.label} is {size:.4g}, which is 1 g in {' or '.join(units)}{counts}"
-    assumption: Assumption = "assumed_unit" if named else "assumed_columns"
-    return _use("accel", triple, units[0], reason, certain=in_one, assumption=assumption)
+    assumptions = _assumptions(named=named, shown=len(units) == 1)
+    return _use("accel", triple, units[0], reason, certain=in_one, assumptions=assumptions)
+
+
+def _assumptions(*, named: bool, shown: bool) -> tuple[Assumption, ...]:
+    """Return what is assumed of columns without a unit, by whether they have a name, and physics shows the unit."""
+    if named:
+        return ("assumed_unit",)
+    return ("assumed_columns",) if shown else ("assumed_columns", "assumed_unit")
 
 
 def _in_counts(triple: Triple, key: str) -> Use:
@@ -588,7 +596,7 @@ def _by_noise(triple: Triple, beside: str, *, named: bool) -> Use:
     what = "have no unit" if named else "have no name and no unit"
     times = _times(of_other.factor / known.factor)
     reason = f"{triple.label} {what}: their noise of {noise:.2g} is usual in {unit}; in {other}, N would be {times}"
-    return _use("gyro", triple, unit, reason, assumption="assumed_unit" if named else "assumed_columns")
+    return _use("gyro", triple, unit, reason, assumptions=_assumptions(named=named, shown=False))
 
 
 def _times(factor: float) -> str:
@@ -640,7 +648,7 @@ def _in_order(use: Use, triple: Triple) -> Use:
     if not triple.guessed or not use.certain:
         return use
     reason = f"the order of the axes in {triple.label} is assumed"
-    return replace(use, certain=False, assumption="assumed_columns", reason=reason)
+    return replace(use, certain=False, assumptions=("assumed_columns",), reason=reason)
 
 
 def _key_of_words(words: str) -> str:

@@ -124,7 +124,7 @@ class Use:
     known : what the unit means.
     certain : columns and unit are stated, or physics shows them.
     reason : why, for people.
-    assumption : code of what is assumed if it is not certain.
+    assumptions : codes of what is assumed if it is not certain.
     scale : units in a number: counts, or an axis that is turned around.
     kind : of the numbers of a sensor.
     """
@@ -136,7 +136,7 @@ class Use:
     known: Unit | None = None
     certain: bool = False
     reason: str = ""
-    assumption: Assumption = "assumed_unit"
+    assumptions: tuple[Assumption, ...] = ("assumed_unit",)
     scale: float = 1.0
     kind: Kind = "unknown"
 
@@ -290,7 +290,7 @@ class Reading:
             times=self._times(by_key.get("t")),
             interval=self._interval(dt),
             remarks=(*(f"assumed: {use.reason}" for use in assumed), *self.remarks),
-            caveats=tuple(dict.fromkeys(use.assumption for use in assumed)),
+            caveats=tuple(dict.fromkeys(code for use in assumed for code in use.assumptions)),
             gyro="deltas" if points and kinds.get("gyro") == "deltas" else None,
             accel="deltas" if points and kinds.get("accel") == "deltas" else None,
             rate_hz=None if rate is None or rate.known is None else rate.known.factor,

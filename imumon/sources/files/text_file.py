@@ -152,7 +152,7 @@ class TextFile(Table):
             f"the rows are of several sensors: {option_text(where=choices[best])} is proposed; others are "
         )
         known = Unit("rows", 1.0)
-        question = Use("rows", known=known, reason=reason + others, assumption="assumed_columns")
+        question = Use("rows", known=known, reason=reason + others, assumptions=("assumed_columns",))
         where = tuple(choices[best].items())
         return printed[best], replace(readings[best], uses=(*readings[best].uses, question), where=where)
 

@@ -129,6 +129,8 @@ def test_a_gyroscope_without_a_unit_is_a_question_with_the_usual_one(scale: floa
         reading.checked("a.csv", accept=False)
     assert unclear.value.proposal == f"gyro=gx,gy,gz:{unit},t=t:ms"
     assert reading.checked("a.csv", accept=True).layout().caveats == ("assumed_unit",)
+    nameless = read("t_ms,ch1,ch2,ch3,ch4,ch5,ch6", 10 * STEP, np.hstack([GYRO * scale, ACCEL]))
+    assert {*nameless.checked("a.csv", accept=True).layout().caveats} == {"assumed_columns", "assumed_unit"}
 
 
 @pytest.mark.parametrize("start", [1.7e9, 1.7e12, 1.7e15, 1.7e18])
