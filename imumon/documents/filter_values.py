@@ -189,15 +189,16 @@ def settings_header(report: Report, filters: FilterReport) -> list[str]:
 
 
 def caveat_lines(report: Report) -> list[str]:
-    """Return a warning for each caveat, as comments."""
+    """Return a warning for each caveat of the record, of a gyroscope or an accelerometer, as comments."""
     lines, device, by_caveat = [], report.device, caveats(report)
     if "aliased" in by_caveat:
         by = f" by {device.alias_factor:.2f}" if device.alias_factor else ""
         lines.append(f"WARNING: aliased: N is too high{by}: right for this stream, wrong for the sensor")
     if (warning := filter_warning(report)) is not None:
         lines.append(f"WARNING: {FILTER_NOT_KNOWN}: {warning.replace('√', 'sqrt')}")
-    for caveat, channels in by_caveat.items():
-        if caveat != "aliased":
+    for caveat, every in by_caveat.items():
+        channels = [name for name in every if name.sensor in INERTIAL]
+        if caveat != "aliased" and (channels or not every):
             where = f" ({joined(channels)})" if channels else ""
             lines.append(f"WARNING: {caveat.replace('_', ' ')}{where}: {line(caveat)}")
     return lines

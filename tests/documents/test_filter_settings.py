@@ -20,7 +20,7 @@ from imumon.documents.program_settings import numbers_of, settings_document
 from imumon.model.coefficients import Estimate
 from imumon.model.messages import CAVEATS
 from imumon.model.report import Report
-from imumon.model.samples import GYRO
+from imumon.model.samples import GYRO, ChannelName
 
 
 def settings(report: Report, form: str) -> dict[str, float]:
@@ -130,6 +130,9 @@ def test_caveats_precede_the_numbers(form: str) -> None:
     of_one = text(replace(report, channels=report.channels | one), form)
     assert not [c for c in caveats if f"WARNING: {c.replace('_', ' ')}: " not in of_all]
     assert not [c for c in caveats if f"WARNING: {c.replace('_', ' ')} (gyro x" not in of_one]
+    mag = replace(report.channels["gyro/x"], caveats=("vibration",))  # no program takes a magnetometer
+    of_mag = replace(report, channels={**report.channels, ChannelName("mag/x"): mag})
+    assert "mag x" not in text(of_mag, form)
 
 
 def test_ros_covariance_is_the_variance_of_a_sample() -> None:
