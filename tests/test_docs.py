@@ -229,13 +229,13 @@ def unknown_options(text: str) -> Iterator[str]:
 
 
 def test_options_exist() -> None:
-    """Commands and options exist, also in blocks that do not run."""
-    assert not [
-        f"{block.name}: {unknown}"
-        for block in BLOCKS
-        if block.language == "sh"
-        for unknown in unknown_options(block.text)
-    ]
+    """Commands and options exist, also in blocks that do not run, and in sentences."""
+    texts = [(block.name, block.text) for block in BLOCKS if block.language == "sh"]
+    for path in DOCUMENTS:
+        texts += [
+            (path.name, text) for text in re.findall(r"`(imumon [a-z][^`\n]*)`", path.read_text("utf-8"))
+        ]
+    assert not [f"{name}: {unknown}" for name, text in texts for unknown in unknown_options(text)]
 
 
 def test_links_exist() -> None:
