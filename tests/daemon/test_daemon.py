@@ -171,7 +171,12 @@ def test_what_has_come_by_the_stop_counts(tmp_path: Path) -> None:
         ).session.samples > first.session.samples:
             first = later
         sensor.ask("stall 0")
-        daemon.samples(first.session.samples + 60)
+
+        def sent_since() -> int:
+            return sensor.ask("counters")["sent"] - before["sent"]
+
+        # what gathered in the silence is in a report, but for two seconds of samples: the end of a run has a time limit
+        daemon.wait(lambda r: r.session.samples - first.session.samples > max(60, sent_since() - 80))
         time.sleep(0.3)  # more gathers, and is in no report yet
         after = sensor.ask("stall 600")
         all_is_read()
