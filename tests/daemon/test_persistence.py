@@ -117,6 +117,20 @@ def test_the_calendar_may_be_set_between_two_runs(tmp_path: Path) -> None:
     assert persistence._since(header, clock) == pytest.approx(5.0, abs=2.0)
 
 
+def test_a_directory_that_cannot_be_written_is_said_and_then_mended(tmp_path: Path) -> None:
+    kept, monitor, _ = begun(tmp_path, facts())
+    monitor.feed(block(0))
+    place = tmp_path / "lab.state.new"
+    place.mkdir()  # nothing can be written under this name
+    kept.save(SessionCounters(), None)
+    kept._checkpoint.flush()
+    assert [level for _, level in kept.problems()] == ["error"]
+    assert not list(kept.problems())  # once per change
+    place.rmdir()
+    kept.close(SessionCounters(), None)
+    assert Checkpoint(tmp_path, "lab").load()[0] is not None
+
+
 def test_a_state_that_is_removed_is_made_again_and_said_once(tmp_path: Path) -> None:
     directory = tmp_path / "state"
     kept, monitor, _ = begun(directory, facts())

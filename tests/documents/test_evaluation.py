@@ -172,7 +172,7 @@ def sheet_file(tmp_path: Path, *, gyro: float) -> Path:
 def test_limits_are_converted_from_the_units_of_the_sheet() -> None:
     """0.0035 °/s/√Hz is 0.21 °/√h; a one-sided density is √2 N; in-run stability is 0.664 B."""
     report = make_report()
-    values = {(v.channel, v.quantity): v for v in compared(report, published()["vn-100"]).values}
+    values = {(v.channel, v.quantity): v for v in compared(report, read_sheet("vn-100")).values}
     found = values["gyro/x", "N"]
     assert (found.printed, found.printed_unit, found.unit) == (0.0035, "deg/s/sqrt(Hz)", "rad/s/sqrt(Hz)")
     assert found.value == pytest.approx(np.radians(0.0035))

@@ -282,6 +282,16 @@ def test_a_record_may_begin_with_a_knock(at: int) -> None:
 # --- motion ------------------------------------------------------------------------------------------------
 
 
+def drive(seconds: float, rate: float = 40.0, seed: int = 3) -> Floats:
+    """Return (n, 9) samples of a driving car: slow turns, rough road."""
+    values = quiet(seconds, rate, seed)
+    n = len(values)
+    rough = np.random.default_rng(seed).standard_normal((n + 40, 9))
+    rough = sum(rough[i : i + n] for i in range(40)) / 40**0.5
+    values[:, :6] += rough[:, :6] * np.array([0.02] * 3 + [0.3] * 3)
+    return values
+
+
 def carried(n: int, rate: float, seed: int) -> Floats:
     """Return (n, 6) rates and accelerations of a hand: noise of 1 Hz and of tremor at 8 Hz."""
     rng = np.random.default_rng(seed)
@@ -291,10 +301,22 @@ def carried(n: int, rate: float, seed: int) -> Floats:
     return np.asarray((slow_motion + 0.1 * tremor) * ([0.1] * 3 + [0.5] * 3))
 
 
+def test_motion_is_excluded_and_rest_after_it_is_not() -> None:
+    values = np.concatenate((quiet(60), drive(60), quiet(60, seed=7)))
+    guard = Guard(SENSORS, 40.0)
+    run_guard(guard, values[: 100 * 40])
+    assert not guard.at_rest
+    guard, valid, events = excluded(values)
+    assert guard.at_rest
+    assert not valid[62 * 40 : 118 * 40, :2].any()
+    assert valid[: 58 * 40].all()
+    assert valid[-45 * 40 :].all()
+    assert "motion" in [e.kind for e in events]
+
+
 def test_a_guard_that_only_detects_excludes_nothing() -> None:
-    guard, values = Guard(SENSORS, 40.0, excludes=False), quiet(120)
-    values[2400:, :6] += carried(2400, 40.0, 3)
-    items, events = run_guard(guard, values)
+    guard = Guard(SENSORS, 40.0, excludes=False)
+    items, events = run_guard(guard, np.concatenate((quiet(60), drive(60))))
     assert all(item.valid.all() and not item.broken for item in items)
     assert events == []
     assert guard.excluded == {}

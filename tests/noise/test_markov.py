@@ -11,7 +11,8 @@ from noise_fits import fits_of
 
 from imumon.model.samples import Floats
 from imumon.noise import ChannelFit, markov_law, synthesise
-from imumon.noise.fit.model import WALK, WHITE, GaussMarkov
+from imumon.noise.fit.curve_statement import bounded_by_curve
+from imumon.noise.fit.model import WALK, WHITE, GaussMarkov, TimedTerm
 
 RATE_HZ, LENGTH, N = 10.0, 50_000, 6.8e-4
 
@@ -28,6 +29,13 @@ def test_the_formulas_are_those_of_the_autocovariance(time: float) -> None:
     of_doubles = [covariance[:k, :k].sum() for k in (2, 8, 100)]
     expected = (4.0 * np.array(of_sums) - of_doubles) / (2.0 * m**2)
     assert markov_law.allan_variances(m, time, averaged=True) == pytest.approx(expected, rel=1e-9)
+    # a term that has no closed form takes the same from its density and the covariance of its integral
+    markov, f = GaussMarkov("M", time), np.array([1e-4, 1e-3])
+    assert TimedTerm.cosine_variances(markov, 200, 1) == pytest.approx(np.diag(cosines)[1:], rel=1e-6)
+    assert TimedTerm.allan_variances(markov, m, averaged=True) == pytest.approx(expected, rel=1e-6)
+    assert TimedTerm.density(markov, f, averaged=True) == pytest.approx(
+        markov.density(f, averaged=True), rel=0.01
+    )
     differences = GaussMarkov("M", time).difference_covariances(np.array([64]))[0]
     assert differences[0] == pytest.approx(
         2.0 * markov_law.allan_variances(np.array([64]), time, averaged=True)[0], rel=1e-6
@@ -78,6 +86,9 @@ def test_correlated_noise_is_measured_and_no_b_or_k_is_invented() -> None:
     assert sum(fit.B.status == "measured" for fit in fits) <= 1
     assert sum(fit.K.status == "measured" for fit in fits) <= 1
     assert sum(fit.N.low <= N <= fit.N.high for fit in fits) >= 9  # type: ignore[operator]
+    term, octaves = GaussMarkov("M", RATE_HZ * 30.0), np.array([10])
+    bounded = bounded_by_curve(fits[0], {term: fits[0].shares["M"]}, octaves, 2.0 * fits[0].high)
+    assert bounded.markov.sigma.status == "upper_bound"  # where the curve leaves the octaves that it decides
     for fit in fits:  # the shares add up to the drawn model
         assert set(fit.shares) == {"N", "B", "K", "M", "lines", "columns", "filter"}
         assert np.sum(list(fit.shares.values()), axis=0) == pytest.approx(fit.model**2)
