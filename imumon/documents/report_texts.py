@@ -24,8 +24,8 @@ def sensor_title(report: Report) -> str:
     device = report.device
     if title := " ".join(part for part in (device.model, device.serial) if part):
         return title
-    if device.id == "replay" and device.port:
-        return device.port.rpartition("/")[2]
+    if device.id == "replay":  # arrays and combinations of records have no name
+        return device.port.rpartition("/")[2] if device.port else "record"
     return device.id
 
 

@@ -63,6 +63,7 @@ def test_a_text_is_one_screen(m: Measurement) -> None:
         assert len(shown) < 4000
         assert shown.count("\n") < 40
     assert "gyro/x" in repr(m)
+    assert repr(m).splitlines()[0] == "record"  # arrays have no name, and neither have combinations
     html = m._repr_html_()
     assert html.count("<table") == html.count("</table>") == 2
     assert len(html) < 10_000
