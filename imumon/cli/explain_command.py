@@ -29,11 +29,7 @@ def explain(arguments: argparse.Namespace) -> int:
 
     word = " ".join(arguments.word)
     if not word:
-        print(
-            textwrap.fill(
-                ", ".join(entry.word for entry in glossary.explanations()), _width(), break_on_hyphens=False
-            )
-        )
+        print(textwrap.fill(", ".join(glossary.names()), _width(), break_on_hyphens=False))
         return SUCCESS
     entry = glossary.explain(word)
     errors = [] if entry is not None else [row for row in errors_listed() if word.strip().lower() in row[0]]
@@ -43,11 +39,12 @@ def explain(arguments: argparse.Namespace) -> int:
         print("More: docs/ERRORS.md")
         return SUCCESS
     if entry is None:
-        words = [entry.word for entry in glossary.explanations()]
-        words += [code for codes, _, _ in errors_listed() for code in codes]
+        words = glossary.names() + [code for codes, _, _ in errors_listed() for code in codes]
         close = difflib.get_close_matches(word.lower().replace(" ", "_"), words, 1, 0.6)
         cure = f"did you mean {close[0]}?" if close else "imumon explain lists the words"
         raise CommandError("unknown_word", f"{word!r} is no word of the glossary", cure, USAGE)
+    if word in glossary.OTHER_NAMES:  # the screen has this one
+        entry = entry._replace(word=f"{word} ({entry.word})")
     print(textwrap.fill(entry.sentence, _width()))
     print(f"More: {entry.page}")
     return SUCCESS

@@ -187,7 +187,7 @@ _WORDS: Mapping[str, tuple[str, str]] = {
     "disturbance": ("A knock or a motion that is excluded from the statistics.", THEORY),
     "gap": ("Samples that the clock of the sensor shows to exist and that did not arrive.", REPORTS),
 }
-_OTHER_NAMES: Mapping[str, str] = {
+OTHER_NAMES: Mapping[str, str] = {
     "open": "indistinct", "bound": "upper_bound", "<": "upper_bound", "meets": "grade", "below consumer": "grade",
     "x/": "×÷", "+-": "±", "random_walk": "K", "noise_density": "N", "arw": "N", "vrw": "N", "rrw": "K",
     "✓": "ready", "↗": "growing", "↓": "upper_bound", "chi2/dof": "χ²/dof", "warm_up": "warm-up",
@@ -207,6 +207,15 @@ def explanations() -> Iterator[Explanation]:
         yield Explanation(word, text, page)
 
 
+def names() -> list[str]:
+    """Return every name that `explain` knows: each word, and its other names.
+
+    >>> {"K", "random_walk", "open", "indistinct"} <= set(names())
+    True
+    """
+    return [*(entry.word for entry in explanations()), *OTHER_NAMES]
+
+
 def words_in(text: str, caveats: Collection[str] = ()) -> list[Explanation]:
     """Return the explanations of the words of a text, in its order, by the names that the text has.
 
@@ -218,7 +227,7 @@ def words_in(text: str, caveats: Collection[str] = ()) -> list[Explanation]:
     ['N', 'aliased', '<, ↓', 'open', '±', 'gap']
     """
     names: dict[str, list[str]] = {}
-    for name, word in _OTHER_NAMES.items():
+    for name, word in OTHER_NAMES.items():
         names.setdefault(word, []).append(name)
     out = []
     for entry in explanations():
@@ -247,4 +256,4 @@ def explain(word: str) -> Explanation | None:
     """
     known = {entry.word.lower(): entry for entry in explanations()}
     name = word.strip().lower().replace(" ", "_").replace("-", "_") or word
-    return known.get(_OTHER_NAMES.get(name, name).lower())
+    return known.get(OTHER_NAMES.get(name, name).lower())

@@ -85,6 +85,7 @@ def test_what_the_screen_shows_is_explained(word: str) -> None:
 
 def test_the_command_explains_words_and_codes_of_errors_or_names_a_close_one() -> None:
     assert imumon("explain", "misfit").startswith("misfit: ")
+    assert imumon("explain", "open").startswith("open (indistinct): ")  # the screen has this name
     assert "did you mean misfit?" in imumon("explain", "mistfit", code=2)
     text = imumon("explain", "port_busy")
     assert all(part in text for part in ("port_busy", "What to do:", "docs/ERRORS.md"))
