@@ -157,7 +157,7 @@ def test_text_between_samples_is_no_sample_and_a_damaged_one_is_lost(tmp_path: P
     every[50] = "low battery\n"
     every[60] = every[60].replace("gy", "g?")
     path = tmp_path / "a.log"
-    path.write_text("boot\n" + "".join(every))
+    path.write_text("boot\n" + "".join(every), newline="\r\n")
     recording = open_recording(str(path), ReadOptions())
     samples = sum(len(block) for blocks in recording for block in blocks if hasattr(block, "values"))
     assert samples == 398
