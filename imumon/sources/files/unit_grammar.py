@@ -158,13 +158,19 @@ def _base(text: str) -> tuple[str, float] | None:
     return None
 
 
-_NUMBER = r"[^\d\n\w]{0,12}(?:hz\W*|is )?(\d+(?:\.\d+)?)\s*([^\W\d]\S*)?"
+_NUMBER = r"[^\d\n\w]{0,12}(?:hz\W*|is )?(\d+(?:\.\d+)?)[ \t]*([^\W\d][^\s,;)]*)?"
 _RATE = re.compile(
-    r"([^,;|\n]{0,40}?)(?:rate|(?:\b|_)(?:fs|odr|sampling|frequency|freq)|\bat(?=\s+[\d.]+\s*k?hz))(?:_hz)?\b"
+    r"([^,;|\n]{0,40}?)(rate|(?:\b|_)(?:frequency|freq|fs|odr|sampling)|\bat(?=\s+[\d.]+\s*k?hz))(?:_hz)?\b"
     + _NUMBER,
     re.IGNORECASE,
 )
-"""Text before the word of a rate, a number, and the word behind it."""
+"""Text before the word of a rate, the word, a number, and the word behind it."""
+
+_OF_SAMPLES = re.compile(
+    r"sampl|data|update|output|meas|log|record|imu|gyr|acc|sensor|acqui|abtast|stream|publish|captur|^[^a-z]*$",
+    re.IGNORECASE,
+)
+"""Words before a rate or a frequency of samples; none may be there, too."""
 
 _PERIOD = re.compile(
     rf"(?:sampl\w{{0,9}}[\s_-]?(?:period|interval)|sample[\s_-]?time|\bdt)\b\s*(?:[\[(](\w+)[\])])?{_NUMBER}",
@@ -173,7 +179,8 @@ _PERIOD = re.compile(
 """Unit of an interval of samples in brackets, a number, and the word behind it."""
 
 _OF_OTHERS = re.compile(
-    r"baud|bit|gps|gnss|frame|video|camera|heart|refresh|mag|baro|press|temp|max|bandwidth", re.IGNORECASE
+    r"baud|bit|gps|gnss|frame|video|camera|heart|refresh|mag|baro|press|temp|max|bandwidth|filter|pass|cut",
+    re.IGNORECASE,
 )
 """Words before a rate that is not that of samples of the sensor."""
 
@@ -188,8 +195,10 @@ def stated_rate(text: str) -> float | None:
     """
     rates = {
         float(number) * (1e3 if behind.lower().startswith("khz") else 1.0)
-        for before, number, behind in _RATE.findall(text)
-        if known_unit(behind) is None and not _OF_OTHERS.search(before)
+        for before, word, number, behind in _RATE.findall(text)
+        if known_unit(behind) is None
+        and not _OF_OTHERS.search(before)
+        and (word.lower().strip("_") not in ("rate", "freq", "frequency") or _OF_SAMPLES.search(before))
     }
     for in_brackets, number, behind in _PERIOD.findall(text):
         unit = known_unit(in_brackets or behind)

@@ -258,8 +258,10 @@ def test_counts_need_the_number_of_the_data_sheet() -> None:
         ("Fs,100", 100.0), ("# Sample Rate = 250 Hz", 250.0), ("Update Rate: 100.0Hz", 100.0), ("ODR: 1.6 kHz", 1600.0),
         ("data_rate = 100.0 Hz, filter = 488 Hz", 100.0), ("baud rate: 115200", None), ("range 8", None),
         ("baudrate 9600, sample rate 50", 50.0), ("EMG sampling frequency: 1111\nACC sampling frequency: 148", None),
-        ("GPS update rate: 10 Hz", None), ("gyro rate 500dps", None), ("Max angular rate: 2000 deg/s", None),
-        ("frame rate: 30", None), ("sample_rate_hz: 100", 100.0), ("Sample interval (s): 0.01", 100.0),
+        ("GPS update rate: 10 Hz", None), ("gyro rate 500dps, 4g", None), ("Max angular rate: 2000 deg/s", None),
+        ("frame rate: 30", None), ("low pass filter frequency: 40 Hz", None), ("control loop rate: 250 Hz", None),
+        ("odr: 104\nrate: 100", None), ("Rate 50", 50.0), ("sample_rate_hz: 100", 100.0),
+        ("Sample interval (s): 0.01", 100.0),
     ],
 )  # fmt: skip
 def test_a_rate_beside_the_word_rate_is_stated(text: str, rate: float | None) -> None:
