@@ -164,6 +164,9 @@ def tables(head: str) -> list[PrintedTable]:
 
 def _cell_form(body: Sequence[str]) -> tuple[str | None, bool] | None:
     """Return what separates the cells of most lines, and whether the decimal sign is a comma; None: no cells."""
+    # objects, of many numbers each
+    if sum(line.lstrip().startswith("{") for line in body) >= REGULAR * len(body):
+        return None
     for separator in (";", "\t", ",", "|", None):
         if separator is not None and sum(separator in line for line in body) < REGULAR * len(body):
             continue
