@@ -197,7 +197,6 @@ def wave(length: int, period_s: float, size: float) -> Floats:
     return size * SIGMA * np.sin(2.0 * np.pi * np.arange(length) / RATE / period_s)[:, None]
 
 
-@pytest.mark.few
 @pytest.mark.parametrize(("period_s", "size"), [(60.0, 0.3), (150.0, 0.15)])
 def test_a_slow_oscillation_is_left_out_and_its_period_stated(
     quiet: Floats, period_s: float, size: float

@@ -220,8 +220,8 @@ def gaussian(seed: int = 1) -> Floats:
 def test_clipped_noise_is_seen(limit: float, step: float) -> None:
     values, last = np.round(gaussian() / step), round(limit / step)
     if step < 0.1 or limit < 3.0:
-        assert clipped_at(np.clip(values, -last, last) * step) == pytest.approx((-limit, limit))
-        assert clipped_at(np.minimum(values, last) * step) == pytest.approx((limit,))
+        assert clipped_at(np.clip(values, -last, last) * step) == pytest.approx((-last * step, last * step))
+        assert clipped_at(np.minimum(values, last) * step) == pytest.approx((last * step,))
 
 
 SETTLING = 30.0 * np.exp(-np.arange(SAMPLES) / 5_000.0)
