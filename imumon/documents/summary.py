@@ -43,6 +43,8 @@ LINES = 23
 """Lines of a summary: a terminal of 80 x 24 cells also shows the prompt."""
 WIDTH = 110
 """Cells of a line where there is no terminal."""
+FILTER_LINE = "the filter of the sensor is unknown: N may be too high. For a recording, --filter names it"
+"""What the caveat of a filter that nothing names means."""
 EXPECTED = {RECEIVED, SAMPLES, "header", "comment", "blank", "other_message", "part", "start", "pending"}
 """What the ledger of a good record has: with nothing else in it, its line is not printed."""
 
@@ -66,7 +68,7 @@ def summary_text(
     """
     head = [part for text in _head(report, late) for part in textwrap.wrap(text, width)]
     lines = [*head, *_channel_rows(report, width)]
-    for text in (*_notes(report), *remarks, *caveat_lines(report)):
+    for text in (*_notes(report), *remarks, *_caveat_lines(report)):
         part = textwrap.wrap(text, width, subsequent_indent="  ")
         if len(lines) + len(part) + len(last) <= LINES:
             lines += part
@@ -77,7 +79,9 @@ def summary_html(report: Report, remarks: Sequence[str]) -> str:
     """Return a report as tables of HTML, one per sensor, between its title and its remarks."""
     head = "<br>".join(map(escape, _head(report)))
     tables = "".join(table_html(coefficient_table(report, sensor)) for sensor in shown_sensors(report))
-    notes = "".join(f"<li>{escape(text)}</li>" for text in (*_notes(report), *remarks, *caveat_lines(report)))
+    notes = "".join(
+        f"<li>{escape(text)}</li>" for text in (*_notes(report), *remarks, *_caveat_lines(report))
+    )
     return f"<div><p>{head}</p>{tables}<ul>{notes}</ul></div>"
 
 
@@ -132,6 +136,12 @@ def _notes(report: Report) -> Iterator[str]:
         yield f"above the data sheet {report.data_sheet.title}: {', '.join(above) or 'nothing'}"
     if report.session.ledger.keys() - EXPECTED:
         yield ledger_text(report.session.ledger)
+
+
+def _caveat_lines(report: Report) -> list[str]:
+    """Return a line for a filter that nothing names, and one for each caveat."""
+    unknown = filter_not_known(report)
+    return [*([FILTER_LINE] if unknown else []), *caveat_lines(report)]
 
 
 def comparison_text(report: Report, baseline: Report) -> str | None:

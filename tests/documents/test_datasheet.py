@@ -139,6 +139,10 @@ def test_the_summary_names_its_caveats_and_counts_in_the_singular() -> None:
     assert "vibration (accel y)" in shown
     assert f"\n{CAVEATS['aliased'].line}" in shown
     assert "in 1 gap," in shown
+    unknown = replace(report.device, alias_factor=None, stream="compensated")
+    shown = summary_text(replace(report, device=unknown, caveats=()), 200)
+    assert f"caveats: {FILTER_NOT_KNOWN}, " in shown
+    assert "--filter names it" in shown
 
 
 @pytest.mark.few
