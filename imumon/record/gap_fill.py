@@ -21,7 +21,7 @@ from imumon.noise.validity_groups import LARGEST
 LONG_GAP = 256
 """Ticks, longest step that is filled row by row: a longer gap would cost more than two calls do."""
 
-MOST_ROWS = 1 << 15
+MOST_ROWS = 1 << 13
 """Ticks after which a dense block ends: a block of samples with a gap before each would be `LONG_GAP` times as long."""
 
 

@@ -64,9 +64,8 @@ BEFORE_SECTION = -math.inf
 """Count of a cluster that begins before the section: always too few, whatever is added to it."""
 
 
-BATCH = 128
-"""Blocks processed at once at most: a block of a recording is one piece, because each piece costs as much as a thousand
-samples; the work arrays of 32,768 samples of nine channels are 2 MB."""
+BATCH = 32
+"""Blocks processed at once at most: 8,192 samples of ten channels fit into the cache of the processor."""
 
 
 @restorable
