@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 import re
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -43,16 +43,15 @@ from imumon.sources.files.columns import (
     KINDS,
     LISTED,
     MOST_COLUMNS,
-    MOST_SHOWN,
     SENSORS,
     Assumption,
-    ColumnView,
     Reading,
     Use,
     check_meaning,
     find,
     given_column,
     reference,
+    views_of,
 )
 from imumon.sources.files.sizes_at_rest import (
     FASTEST_RATE,
@@ -155,7 +154,7 @@ class _ColumnReader:
         uses = {use.key: use for use in (*uses.values(), time, dt) if use is not None}
         uses |= self._beside(self._free(uses.values()))
         unused = {column.index: _why_unused(column) for column in self._free(uses.values())}
-        views = tuple(_views(self._columns, uses))
+        views = tuple(views_of(self._columns, uses))
         return Reading(self._names, tuple(uses.values()), views, remarks=tuple(self._remarks), unused=unused)
 
     def _free(self, uses: Iterable[Use]) -> list[NamedColumn]:
@@ -697,16 +696,3 @@ def _why_unused(column: NamedColumn) -> str:
     return (
         "another column is the time" if TIME.search(column.words) else "no name or unit of a sensor or a time"
     )
-
-
-def _views(columns: Sequence[NamedColumn], uses: Mapping[str, Use]) -> Iterator[ColumnView]:
-    """Yield the columns that a question shows: those that are used first."""
-    looks = {
-        k: {"t": "time", "dt": "interval"}.get(key, key) for key, use in uses.items() for k in use.columns
-    }
-    shown = sorted((c for c in columns if len(c.present)), key=lambda c: c.index not in looks)[:MOST_SHOWN]
-    for column in sorted(shown, key=lambda c: c.index):
-        name, unit = plain(column.base or "-")[:32], plain(column.unit or "-")[:8]
-        mean, std = float(np.mean(column.present)), float(np.std(column.present))
-        looks_like = looks.get(column.index, "constant" if column.constant else "")
-        yield ColumnView(column.index, name, unit, mean, std, looks_like)

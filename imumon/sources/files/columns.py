@@ -32,15 +32,17 @@ This module knows no files: names and the first numbers in, columns out.
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Literal
+
+import numpy as np
 
 from imumon.model.cures import option, option_text
 from imumon.model.report_json import plain
 from imumon.model.samples import AXES, CHANNELS, INERTIAL, ChannelName, Kind, channel_names
 from imumon.sources.files.base import OptionError, RecordingError
-from imumon.sources.files.column_names import split_unit
+from imumon.sources.files.column_names import NamedColumn, split_unit
 from imumon.sources.files.unit_grammar import DIMENSIONS, Unit, known_unit
 
 INCREMENTS = {"gyro": "angle", "accel": "velocity"}
@@ -469,3 +471,16 @@ def check_meaning(units: Mapping[str, str], samples: str | None) -> None:
             raise OptionError(
                 "unknown_unit", f"{text!r} is no unit of {name}", "use one such as rad/s, deg/s, g, m/s^2, ms"
             )
+
+
+def views_of(columns: Sequence[NamedColumn], uses: Mapping[str, Use]) -> Iterator[ColumnView]:
+    """Yield the columns that a question shows: those that are used first."""
+    looks = {
+        k: {"t": "time", "dt": "interval"}.get(key, key) for key, use in uses.items() for k in use.columns
+    }
+    shown = sorted((c for c in columns if len(c.present)), key=lambda c: c.index not in looks)[:MOST_SHOWN]
+    for column in sorted(shown, key=lambda c: c.index):
+        name, unit = plain(column.base or "-")[:32], plain(column.unit or "-")[:8]
+        mean, std = float(np.mean(column.present)), float(np.std(column.present))
+        looks_like = looks.get(column.index, "constant" if column.constant else "")
+        yield ColumnView(column.index, name, unit, mean, std, looks_like)
