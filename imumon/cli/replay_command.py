@@ -161,7 +161,7 @@ def _answered(question: Any, wanted: Any) -> Any:
 
 
 def _edited(text: str) -> str:
-    """Return a text as a person edits it; where the line cannot be edited, it is above one that is typed anew."""
+    """Return a text as a person edits it; where the line cannot be edited, it is above one that is typed again."""
     try:
         import readline
     except ImportError:  # a Python that was built without it
