@@ -110,14 +110,30 @@ def _head(report: Report, late: str | None = None) -> Iterator[str]:
 
 def _notes(report: Report) -> Iterator[str]:
     """Yield what restricts the numbers, the most important first, and what is still to come."""
+    if names := _caveat_names(report):
+        yield f"caveats: {', '.join(names)}"
+    yield from _length_notes(report)
+    for name, channel in report.channels.items():
+        yield from (change_text(name, change) for change in channel.changes)
+    if report.data_sheet is not None and report.data_sheet.values:
+        above = [f"{value.channel} {value.coefficient}" for value in report.data_sheet.values if value.above]
+        yield f"above the data sheet {report.data_sheet.title}: {', '.join(above) or 'nothing'}"
+    if report.session.ledger.keys() - EXPECTED:
+        yield ledger_text(report.session.ledger)
+
+
+def _caveat_names(report: Report) -> list[str]:
+    """Return the caveats in words, each with its channels if it is not one of all."""
     with_curve = sum(1 for channel in report.channels.values() if channel.allan is not None)
     names = [FILTER_NOT_KNOWN] if filter_not_known(report) else []
     for caveat, channels in caveats(report).items():
-        names.append(
-            caveat.replace("_", " ") + (f" ({joined(channels)})" if 0 < len(channels) < with_curve else "")
-        )
-    if names:
-        yield f"caveats: {', '.join(names)}"
+        of_some = f" ({joined(channels)})" if 0 < len(channels) < with_curve else ""
+        names.append(caveat.replace("_", " ") + of_some)
+    return names
+
+
+def _length_notes(report: Report) -> Iterator[str]:
+    """Yield which goals of precision take more time, and for which of them a record that has ended was enough."""
     goals = {
         item: f"{item.letter} within ±{share_text(report.precision[item.letter])}"
         for item in readiness(report, report.precision)
@@ -129,13 +145,6 @@ def _notes(report: Report) -> Iterator[str]:
         short = ", ".join(text for item, text in goals.items() if not item.ready)
         parts = (f"enough for {enough}" if enough else "", f"too short for {short}" if short else "")
         yield f"the record is {', '.join(filter(None, parts))}"
-    for name, channel in report.channels.items():
-        yield from (change_text(name, change) for change in channel.changes)
-    if report.data_sheet is not None and report.data_sheet.values:
-        above = [f"{value.channel} {value.coefficient}" for value in report.data_sheet.values if value.above]
-        yield f"above the data sheet {report.data_sheet.title}: {', '.join(above) or 'nothing'}"
-    if report.session.ledger.keys() - EXPECTED:
-        yield ledger_text(report.session.ledger)
 
 
 def _caveat_lines(report: Report) -> list[str]:

@@ -79,14 +79,7 @@ class _Labels:
 
     def add(self, text: str, *, is_date: bool) -> None:
         """Add the label of the number behind a text."""
-        if self.names and (behind := _unit_behind(text)):
-            word = text.find(behind)
-            is_label = (
-                text[:1].isspace() and not text[word + len(behind) :].strip() and not self.has_units_behind
-            )
-            if not is_label:
-                self.state_unit_behind(behind)
-                text = text[word + len(behind) :]
+        text = self._without_unit_behind(text)
         unit, label, container, assigned = _between(text)
         self.section = container or self.section
         # behind a number, a bracket begins a list of its own
@@ -109,6 +102,17 @@ class _Labels:
         self.names.append(name)
         self.units.append(unit or (self.units[-1] if continues else ""))
         self.sections.append(self.section)
+
+    def _without_unit_behind(self, text: str) -> str:
+        """Return a text without the unit of the number before it, which is stated."""
+        behind = _unit_behind(text) if self.names else ""
+        if not behind:
+            return text
+        end = text.find(behind) + len(behind)
+        if text[:1].isspace() and not text[end:].strip() and not self.has_units_behind:
+            return text  # the label of the number behind it
+        self.state_unit_behind(behind)
+        return text[end:]
 
     def state_unit_behind(self, unit: str) -> None:
         """Give the last numbers of a section, which have no unit yet, the one behind them; empty: none."""
@@ -173,32 +177,16 @@ def samples_of(names: Sequence[str]) -> Samples:
     >>> samples_of(["t", "x[0]", "x[1]", "y[0]", "y[1]", "z[0]", "z[1]"])[1]
     {'t': 0, 'x': 2, 'y': 4, 'z': 6}
     """
-    lists = Counter(name.rpartition("[")[0] for name in names if name.endswith("]"))
-    of_axes = {
-        stem
-        for stem, count in lists.items()
-        if all(lists[f"{stem[:-1]}{axis}"] == count > 1 for axis in AXES)
-    }
-    names = [stem if (stem := name.rpartition("[")[0]) in of_axes else name for name in names]
+    names = _lists_by_axis(names)
     places: dict[str, list[int]] = {}
     for k, name in enumerate(names):
         places.setdefault(name, []).append(k)
-    axes: dict[str, list[str]] = {}  # names of the axes of each sensor
-    for name in places:
-        if (match := AXIS.fullmatch(name)) is not None:
-            axes.setdefault(match[1].lower(), []).append(name)
-    repeats = {
-        stem: len(places[of[0]])
-        for stem, of in axes.items()
-        if len(of) == len(AXES) and len({len(places[name]) for name in of}) == 1
-    }
+    repeats = _repeats(places)
     count = max(repeats.values(), default=1)
     if count == 1:
         return ()
-    repeated = [name for stem, of in axes.items() if repeats.get(stem) == count for name in of]
-    others = [
-        name for name in places if (match := AXIS.fullmatch(name)) is None or match[1].lower() not in repeats
-    ]
+    repeated = [name for name in places if repeats.get(_stem(name)) == count]
+    others = [name for name in places if _stem(name) not in repeats]
     samples = []
     for j in range(count):
         first = min(places[name][j] for name in repeated)
@@ -207,6 +195,32 @@ def samples_of(names: Sequence[str]) -> Samples:
         }
         samples.append(before | {name: places[name][j] for name in repeated})
     return tuple(samples)
+
+
+def _stem(name: str) -> str | None:
+    """Return what the name of an axis has in common with those of the other axes; None: it is of no axis."""
+    match = AXIS.fullmatch(name)
+    return None if match is None else match[1].lower()
+
+
+def _lists_by_axis(names: Sequence[str]) -> list[str]:
+    """Return the names, where each axis of a sensor has a list of its own by the axis alone."""
+    lists = Counter(name.rpartition("[")[0] for name in names if name.endswith("]"))
+    of_axes = {
+        stem
+        for stem, count in lists.items()
+        if all(lists[f"{stem[:-1]}{axis}"] == count > 1 for axis in AXES)
+    }
+    return [stem if (stem := name.rpartition("[")[0]) in of_axes else name for name in names]
+
+
+def _repeats(places: Mapping[str, Sequence[int]]) -> dict[str | None, int]:
+    """Return how often the axes of each sensor come, by stem, where all three come as often."""
+    counts: dict[str, list[int]] = {}
+    for name, numbers in places.items():
+        if (stem := _stem(name)) is not None:
+            counts.setdefault(stem, []).append(len(numbers))
+    return {stem: of[0] for stem, of in counts.items() if len(of) == len(AXES) and len(set(of)) == 1}
 
 
 def _unit_behind(text: str) -> str:
