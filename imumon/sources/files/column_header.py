@@ -21,25 +21,47 @@ def header_of(
     """Return the names and units of columns by the lines above the first row, and the line of the names."""
     empty = ("",) * width
     lines = [(k, row) for k, line in enumerate(above) if (row := _header_cells(line, width, separator))]
-    described = {row[0].lower(): (k, row) for k, row in lines[::-1] if _are_pairs(row)}
-    if (key := next((key for key in described if re.search("name|channel|signal", key)), None)) is not None:
-        # a time and a number for each channel, and above them a word and what it says of the channel
-        k, row = described[key]
-        units_of = described.get("unit", described.get("units", (0, empty)))[1]
-        names = ["time" if place % 2 == 0 else cell for place, cell in enumerate(row)]
-        return tuple(names), tuple("" if j % 2 == 0 else cell for j, cell in enumerate(units_of)), above[k]
+    if (paired := _header_of_pairs(lines)) is not None:
+        k, names, units = paired
+        return tuple(names), tuple(units or empty), above[k]
     place, units = _named_line([cells for _, cells in lines])
     if place < 0:
         return empty, empty, ""
-    header, names = lines[place]
-    above_it = lines[place - 1][1] if place and lines[place - 1][0] == header - 1 else ()
-    if len(set(names)) < width and _are_groups(above_it):  # a sensor above its axes
-        names = [f"{group} {name}".strip() for group, name in zip(_spread(above_it), names, strict=True)]
+    k, names = lines[place]
+    is_adjacent = place > 0 and lines[place - 1][0] == k - 1
+    names = _whole_names(names, lines[place - 1][1] if is_adjacent else ())
+    return tuple(names), tuple(units or empty), above[k]
+
+
+def _header_of_pairs(
+    lines: Sequence[tuple[int, Sequence[str]]],
+) -> tuple[int, Sequence[str], Sequence[str]] | None:
+    """Return the place of the line that names channels in pairs, their names and units; None: there is no such line.
+
+    The rows have a time and a number for each channel. Above these are a word, and what it says of the channel.
+    """
+    described = {row[0].lower(): (k, row) for k, row in lines[::-1] if _are_pairs(row)}
+    key = next((key for key in described if re.search("name|channel|signal", key)), None)
+    if key is None:
+        return None
+    place, row = described[key]
+    _, units_of = described.get("unit", described.get("units", (0, ())))
+    names = ["time" if k % 2 == 0 else cell for k, cell in enumerate(row)]
+    return place, names, ["" if k % 2 == 0 else cell for k, cell in enumerate(units_of)]
+
+
+def _whole_names(names: Sequence[str], groups: Sequence[str]) -> Sequence[str]:
+    """Return names with what they lack: the sensor above its axes, or the name that spans several columns.
+
+    Parameters
+    ----------
+    groups : cells of the line above the names; empty: there is none.
+    """
+    if len(set(names)) < len(names) and _are_groups(groups):  # a sensor above its axes
+        names = [f"{group} {name}".strip() for group, name in zip(_spread(groups), names, strict=True)]
     # a name may span the columns of its axes, which are empty or have a number
     spanned = ["" if re.fullmatch(r"\d", name) else name for name in names]
-    if "" in spanned[1:-1] and any(spanned):
-        names = elements(_spread(spanned))
-    return tuple(names), tuple(units or empty), above[header]
+    return elements(_spread(spanned)) if "" in spanned[1:-1] and any(spanned) else names
 
 
 _LISTED = re.compile(r"(?:col[a-z]*|ch[a-z]*|field)?\s*\d+\s*[:.)=-]+\s*([^\W\d].*)", re.IGNORECASE)

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from imumon.model.report_json import plain
-from imumon.model.samples import AXES, Floats, Kind
+from imumon.model.samples import AXES, INERTIAL, Floats, Kind
 from imumon.sources.files.unit_grammar import Unit, known_unit
 
 FEWEST = 8
@@ -336,6 +336,33 @@ def names_time(name: str) -> bool:
         re.search(r"^dt$", words_of(name)) is not None
         or TIME.search(words_of(split_unit(name)[0])) is not None
     )
+
+
+def inertial_sensor_of(words: str) -> str:
+    """Return the sensor that words name; empty: none."""
+    delta = DELTA.search(words)
+    if ANGULAR.search(words) or (delta and re.search(r"theta|ang|gyr|rot", words)):
+        return "gyro"
+    return "accel" if LINEAR.search(words) or (delta and "vel" in words) else ""
+
+
+def is_of_another_sensor(words: str, quantity: str | None) -> bool:
+    """Return whether the unit or the words of a triple are those of something else than an inertial sensor."""
+    if quantity in ("mag", "temperature", "pressure", "t"):
+        return True
+    is_inertial = quantity in ("gyro", "accel")
+    # user acceleration and the rate of the earth frame have the unit, and are of a sensor
+    other = re.search(r"bias|drift|offset|std|cov|gravity|mag", words) if is_inertial else True
+    return bool(OTHER.search(words) and other)
+
+
+def is_of_one_axis(column: NamedColumn, words: str) -> bool:
+    """Return whether a single column is of an inertial sensor, by its unit or words."""
+    if column.constant:
+        return False
+    if column.known is not None:
+        return column.known.quantity in INERTIAL
+    return bool(inertial_sensor_of(words)) and not column.rises and not column.unit
 
 
 def label_of(column: NamedColumn) -> str:

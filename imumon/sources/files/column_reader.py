@@ -32,6 +32,9 @@ from imumon.sources.files.column_names import (
     TIME,
     NamedColumn,
     Triple,
+    inertial_sensor_of,
+    is_of_another_sensor,
+    is_of_one_axis,
     kind_of,
     names_sensor,
     split_unit,
@@ -187,28 +190,36 @@ class _ColumnReader:
         free = [t for t in self._triples if not self._taken & set(t.indices)]
         moving = [t for t in free if _moves(t)]
         self._gravity = next(filter(None, map(_unit_of_one_g, moving)), "")
-        uses = [_in_order(use, triple) for triple in moving if (use := self._sensor(triple)) is not None]
-        nameless = [use for use in uses if use.key == "gyro" and "assumed_columns" in use.assumptions]
-        if len(nameless) > MOST_NAMELESS:
-            uses = [use for use in uses if use not in nameless]
-        keys, used = {use.key for use in uses}, {k for use in uses for k in use.columns}
-        if keys == {"accel"}:  # beside it, three numbers of one name that move around a constant
-            quiet = [t for t in moving if not used & set(t.indices) and _may_be_gyro(t)]
-            uses += [_by_noise(triple, self._gravity, named=False) for triple in quiet[:1]]
+        uses = self._of_triples(moving)
+        keys = {use.key for use in uses}
+        if keys == {"accel"}:
+            uses += self._quiet_gyro(moving, uses)
         of_triples = {k for triple in free for k in triple.indices}
         singles = self._single_axes(of_triples) if len(keys) < len(INERTIAL) else ()
         return [*uses, *(use for use in singles if use.key not in keys)]
+
+    def _of_triples(self, moving: Sequence[Triple]) -> list[Use]:
+        """Return the sensors that triples are, without gyroscopes of no name if these are a list."""
+        uses = [_in_order(use, triple) for triple in moving if (use := self._sensor(triple)) is not None]
+        nameless = [use for use in uses if use.key == "gyro" and "assumed_columns" in use.assumptions]
+        return [use for use in uses if use not in nameless] if len(nameless) > MOST_NAMELESS else uses
+
+    def _quiet_gyro(self, moving: Sequence[Triple], uses: Sequence[Use]) -> list[Use]:
+        """Return the gyroscope beside an accelerometer: three numbers of one name that move around a constant."""
+        used = {k for use in uses for k in use.columns}
+        quiet = [t for t in moving if not used & set(t.indices) and _may_be_gyro(t)]
+        return [_by_noise(triple, self._gravity, named=False) for triple in quiet[:1]]
 
     def _sensor(self, triple: Triple) -> Use | None:
         """Return the sensor that a triple is, with its unit; None: it is none."""
         words, quantity = self._words(triple), triple.known_quantity
         if (use := self._increments_of_gravity(triple, words)) is not None:
             return use
-        if _is_of_another_sensor(words, quantity):
+        if is_of_another_sensor(words, quantity):
             return None
         if quantity is not None:
             return self._stated(triple, quantity)
-        key = _key_of_words(words)
+        key = inertial_sensor_of(words)
         if triple.unit:
             return self._of_unknown_unit(triple, key) if key else None
         if key or units_of_gravity(triple.size):
@@ -279,7 +290,7 @@ class _ColumnReader:
             reason += "increments"
             return _use(key, triple, f"{unit}/s", reason)
         kind = "deltas" if quantity in INCREMENTS.values() else kind
-        named = _key_of_words(triple.words)
+        named = inertial_sensor_of(triple.words)
         certain = named in ("", key)
         reason = (
             "its unit is stated"
@@ -323,7 +334,7 @@ class _ColumnReader:
         alone: dict[str, list[Use]] = {}
         for column in self._columns:
             words = column.words or self._hint
-            if column.index in of_triples | self._taken or not _is_of_one_axis(column, words):
+            if column.index in of_triples | self._taken or not is_of_one_axis(column, words):
                 continue
             axis = re.search(r"(?:^| )([xyz])(?: |$)|([xyz])$", words)
             triple = Triple((column,), ((axis[1] or axis[2]) if axis else "x",), column.base)
@@ -648,33 +659,6 @@ def _in_order(use: Use, triple: Triple) -> Use:
         return use
     reason = f"the order of the axes in {triple.label} is assumed"
     return replace(use, certain=False, assumptions=("assumed_columns",), reason=reason)
-
-
-def _key_of_words(words: str) -> str:
-    """Return the sensor that words name; empty: none."""
-    delta = DELTA.search(words)
-    if ANGULAR.search(words) or (delta and re.search(r"theta|ang|gyr|rot", words)):
-        return "gyro"
-    return "accel" if LINEAR.search(words) or (delta and "vel" in words) else ""
-
-
-def _is_of_another_sensor(words: str, quantity: str | None) -> bool:
-    """Return whether the unit or the words of a triple are those of something else than an inertial sensor."""
-    if quantity in ("mag", "temperature", "pressure", "t"):
-        return True
-    is_inertial = quantity in ("gyro", "accel")
-    # user acceleration and the rate of the earth frame have the unit, and are of a sensor
-    other = re.search(r"bias|drift|offset|std|cov|gravity|mag", words) if is_inertial else True
-    return bool(OTHER.search(words) and other)
-
-
-def _is_of_one_axis(column: NamedColumn, words: str) -> bool:
-    """Return whether a single column is of an inertial sensor, by its unit or words."""
-    if column.constant:
-        return False
-    if column.known is not None:
-        return column.known.quantity in INERTIAL
-    return bool(_key_of_words(words)) and not column.rises and not column.unit
 
 
 def _slow_sensor(column: NamedColumn) -> Use | None:

@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from imumon.model.samples import Floats
 from imumon.sources.files.base import LONGEST_LINE
 from imumon.sources.files.column_names import FEWEST, names_sensor
 
@@ -48,23 +49,33 @@ def json_arrays(path: str) -> dict[str, Any]:
 
 def _arrays(path: str, value: Any, beside: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
     """Yield the arrays and numbers in a value of JSON by their paths; `beside` has the values beside it."""
-    if isinstance(value, dict) and len(value) >= FEWEST and all(key.isdigit() for key in value):
-        value = [*value.values()]  # a column of a DataFrame, by its index
-    if isinstance(value, dict):
+    if isinstance(value, dict) and not _is_indexed_column(value):
         for name, inner in value.items():
             yield from _arrays(f"{path}.{name}" if path else name, inner, value)
         return
-    if isinstance(value, bool) or not isinstance(value, int | float | list) or (path and value == []):
-        return
-    try:
-        array = np.array(value, np.float64)
-    except (ValueError, TypeError):  # of texts, objects, or rows of different lengths
+    array = _numbers([*value.values()] if isinstance(value, dict) else value)
+    if array is None:
         return
     names = next(filter(None, (_names(other, array.shape[-1:]) for other in beside.values())), ())
     if array.ndim == 2 and names and not names_sensor(path.rpartition(".")[2]):
         yield from zip(names, array.T, strict=True)
     elif array.ndim == 0 or len(array) >= FEWEST or array.ndim == 2:
-        yield path, array.reshape(-1) if array.ndim == 0 else array
+        yield path, np.atleast_1d(array)
+
+
+def _is_indexed_column(value: Mapping[str, Any]) -> bool:
+    """Return whether an object is a column of a DataFrame, with its values by their index."""
+    return len(value) >= FEWEST and all(key.isdigit() for key in value)
+
+
+def _numbers(value: Any) -> Floats | None:
+    """Return the number or the array of numbers that a value of JSON is; None: it is none."""
+    if isinstance(value, bool) or not isinstance(value, int | float | list):
+        return None
+    try:
+        return np.array(value, np.float64)
+    except (ValueError, TypeError):  # of texts, objects, or rows of different lengths
+        return None
 
 
 def _names(value: Any, shape: tuple[int, ...]) -> list[str]:

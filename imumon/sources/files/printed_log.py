@@ -212,12 +212,7 @@ def _has_labelled_number(cell: str) -> bool:
 def _cell_tables(lines: Sequence[str], separator: str | None, decimal: bool) -> list[PrintedTable]:
     """Return the tables of lines that are cells; none: they are no rows of numbers."""
     cells = [split(line, separator) if line.strip() else [] for line in lines]
-    rows: dict[tuple[int, bool], list[int]] = {}  # lines by width, and whether they begin with a word
-    for k, row in enumerate(cells):
-        values = [has_value(cell, decimal) for cell in row]
-        numbers = any(number_of(c, decimal=decimal) is not None and c for c in row)
-        if numbers and sum(values) >= max(1, len(row) // 2):
-            rows.setdefault((len(row), not values[0]), []).append(k)
+    rows = _rows_by_form(cells, decimal)
     total, most = sum(map(len, rows.values())), max(map(len, rows.values()), default=0)
     fewest = max(min(FREQUENT_LINES, total // 2), FREQUENT * total)
     tables_of_rows: list[PrintedTable] = []
@@ -228,14 +223,31 @@ def _cell_tables(lines: Sequence[str], separator: str | None, decimal: bool) -> 
         if width > MOST_COLUMNS:
             text = f"it has {width:,} columns, more than {MOST_COLUMNS:,}"
             raise RecordingError("too_many_columns", text, "write a table with those of the sensor only")
-        first = next((k for k, later in zip(of, of[2:], strict=False) if later - k == 2), of[0])
-        while _is_description(cells[first]) and first + 2 in of:
-            first += 1
+        first = _first_row(cells, of)
         texts = [cells[k] for k in of if k >= first]
         tables_of_rows += _by_code(
             _cell_table(lines[:first], texts, separator, decimal), texts, lines[:first]
         )
     return tables_of_rows
+
+
+def _rows_by_form(cells: Sequence[Sequence[str]], decimal: bool) -> dict[tuple[int, bool], list[int]]:
+    """Return the lines of which half of the cells have values, by their width and whether they begin with a word."""
+    rows: dict[tuple[int, bool], list[int]] = {}
+    for k, row in enumerate(cells):
+        values = [has_value(cell, decimal) for cell in row]
+        numbers = any(number_of(c, decimal=decimal) is not None and c for c in row)
+        if numbers and sum(values) >= max(1, len(row) // 2):
+            rows.setdefault((len(row), not values[0]), []).append(k)
+    return rows
+
+
+def _first_row(cells: Sequence[Sequence[str]], places: Sequence[int]) -> int:
+    """Return the line of the first row of a table: the first of three in succession that describes no columns."""
+    first = next((k for k, later in zip(places, places[2:], strict=False) if later - k == 2), places[0])
+    while _is_description(cells[first]) and first + 2 in places:
+        first += 1
+    return first
 
 
 def _is_description(row: Sequence[str]) -> bool:
@@ -287,36 +299,41 @@ def _numbers(texts: Sequence[Sequence[str]], dates: Sequence[int], decimal: bool
 
 def _by_code(table: PrintedTable, texts: Sequence[Sequence[str]], above: Sequence[str]) -> list[PrintedTable]:
     """Return a table, or one for each value of a column by which the numbers differ; a first word always divides."""
-    for k in range(len(table.names)):
-        cells = [row[k] for row in texts]
-        counts = Counter(filter(None, cells))
-        if k in table.dates or not _may_be_code(table.names[k], counts, len(cells)):
-            continue
-        groups = {value: np.array([cell == value for cell in cells]) for value in counts}
-        is_word = k == 0 and all(number_of(value) is None for value in counts)
-        if is_word or _in_turn(table.names[k], cells) or _differ(table.rows, k, list(groups.values())):
-            parts = {
-                value: replace(
-                    table,
-                    names=described_names(above, table.names, table.separator, value),
-                    rows=table.rows[rows],
-                    codes=(*table.codes, (k, value)),
-                    source=f"{value}\n{table.source}",
-                )
-                for value, rows in groups.items()
-            }  # which may be of several sensors, too
-            return [
-                each
-                for value, part in parts.items()
-                for each in _by_code(part, [row for row in texts if row[k] == value], ())
-            ]
+    code = next((k for k in range(len(table.names)) if _divides(table, k, [row[k] for row in texts])), None)
+    if code is None:
+        return [_with_named_sensor(table, texts)]
+    tables_of_values: list[PrintedTable] = []
+    for value in dict.fromkeys(row[code] for row in texts if row[code]):
+        part = replace(
+            table,
+            names=described_names(above, table.names, table.separator, value),
+            rows=table.rows[[row[code] == value for row in texts]],
+            codes=(*table.codes, (code, value)),
+            source=f"{value}\n{table.source}",
+        )
+        # the rows of a value may be of several sensors, too
+        tables_of_values += _by_code(part, [row for row in texts if row[code] == value], ())
+    return tables_of_values
+
+
+def _divides(table: PrintedTable, column: int, cells: Sequence[str]) -> bool:
+    """Return whether the cells of a column say of which sensor each row of a table is."""
+    name, counts = table.names[column], Counter(filter(None, cells))
+    if column in table.dates or not _may_be_code(name, counts, len(cells)):
+        return False
+    is_word = column == 0 and all(number_of(value) is None for value in counts)
+    groups = [np.array([cell == value for cell in cells]) for value in counts]
+    return is_word or _in_turn(name, cells) or _differ(table.rows, column, groups)
+
+
+def _with_named_sensor(table: PrintedTable, texts: Sequence[Sequence[str]]) -> PrintedTable:
+    """Return a table with the sensor that a column of it names: all rows so far are of that sensor."""
     columns = enumerate(zip(*texts, strict=True))
     constant = tuple(
         (k, cells[0]) for k, cells in columns if _name_one_sensor(cells) and (k, cells[0]) not in table.codes
     )
-    # all rows so far are of the sensor that a column names
     source = "\n".join([*(word for _, word in constant), table.source])
-    return [replace(table, codes=(*table.codes, *constant), source=source)]
+    return replace(table, codes=(*table.codes, *constant), source=source)
 
 
 def _name_one_sensor(cells: Sequence[str]) -> bool:
@@ -379,8 +396,7 @@ def _lexed(line: str, *, loose: bool) -> PrintedLine:
 
 def _template_tables(lines: Sequence[str]) -> Iterator[PrintedTable]:
     """Yield the tables of lines that are numbers in a fixed text."""
-    if any(re.search("[A-F]", bytes_of) for line in lines[:200] for bytes_of in _BYTES.findall(line)):
-        lines = [_BYTES.sub("\1", line) for line in lines]
+    lines = _without_bytes(lines)
     for loose in (False, True):
         parsed = [_lexed(line, loose=loose) for line in lines]
         ids = [line.literals for line in parsed]
@@ -388,15 +404,27 @@ def _template_tables(lines: Sequence[str]) -> Iterator[PrintedTable]:
             begin = _record_begin(lines, ids, period)
             yield from _template_table(lines, parsed, [begin], period)
             return
-        counts = Counter(x for x in ids if len(x) > 1)
-        frequent = [
-            x for x, n in counts.most_common(MOST_CODES) if n >= max(FREQUENT_LINES, FREQUENT * len(ids))
-        ]
-        if sum(counts[x] for x in frequent) >= 0.5 * sum(counts.values()) and frequent:
-            for template in frequent:
-                places = [k for k, x in enumerate(ids) if x == template]
-                yield from _template_table(lines, parsed, places, 1)
+        frequent = _frequent_templates(ids)
+        for template in frequent:
+            places = [k for k, x in enumerate(ids) if x == template]
+            yield from _template_table(lines, parsed, places, 1)
+        if frequent:
             return
+
+
+def _without_bytes(lines: Sequence[str]) -> Sequence[str]:
+    """Return lines with a mark in place of bytes in hexadecimal, if a letter shows that some are."""
+    if any(re.search("[A-F]", bytes_of) for line in lines[:200] for bytes_of in _BYTES.findall(line)):
+        return [_BYTES.sub("\1", line) for line in lines]
+    return lines
+
+
+def _frequent_templates(ids: Sequence[tuple[str, ...]]) -> list[tuple[str, ...]]:
+    """Return the templates with numbers that come often; none, if they are less than half of all such lines."""
+    counts = Counter(x for x in ids if len(x) > 1)
+    fewest = max(FREQUENT_LINES, FREQUENT * len(ids))
+    frequent = [x for x, n in counts.most_common(MOST_CODES) if n >= fewest]
+    return frequent if sum(counts[x] for x in frequent) >= 0.5 * sum(counts.values()) else []
 
 
 def _period(ids: Sequence[tuple[str, ...]]) -> int | None:
@@ -462,13 +490,22 @@ def _template_table(
         tail=tail,
     )
     if samples and _are_of_one_sensor(table.rows, samples):
-        of_samples = tuple(tuple(sample.values()) for sample in samples)
-        rows = table.rows[:, of_samples].reshape(-1, len(samples[0]))
-        named = tuple(samples[0]), tuple(units[k] for k in of_samples[0])
-        dates = tuple(j for j, k in enumerate(of_samples[0]) if k in dates)
-        table = replace(table, names=named[0], units=named[1], rows=rows, dates=dates, samples=of_samples)
-        return [replace(table, pattern=_pattern(record, {}))]
+        return [replace(_by_samples(table, samples), pattern=pattern)]
     return [replace(each, pattern=_pattern(record, dict(each.codes))) for each in _by_code(table, texts, ())]
+
+
+def _by_samples(table: PrintedTable, samples: Samples) -> PrintedTable:
+    """Return a table of records with a row for each sample in a record."""
+    of_samples = tuple(tuple(sample.values()) for sample in samples)
+    first = of_samples[0]
+    return replace(
+        table,
+        names=tuple(samples[0]),
+        units=tuple(table.units[k] for k in first),
+        rows=table.rows[:, of_samples].reshape(-1, len(first)),
+        dates=tuple(j for j, k in enumerate(first) if k in table.dates),
+        samples=of_samples,
+    )
 
 
 def _are_of_one_sensor(rows: Floats, samples: Samples) -> bool:

@@ -272,24 +272,30 @@ class RecordReader:
 
     def _reason_between(self, line: bytes, place: int, *, is_end: bool) -> str:
         """Return why a line between two records is none."""
-        table, text = self._table, decoded(line) if len(line) <= LONGEST_LINE else ""
-        cells = [] if table.pattern else split(text, table.separator)
+        text = decoded(line) if len(line) <= LONGEST_LINE else ""
+        cells = [] if self._table.pattern else split(text, self._table.separator)
         if reason := self._reason_outside(line, text, cells):
             return reason
         if is_end or not self._begun:  # half a line of a program that was killed, or that had begun before
             return "pending" if self._begun else "start"
         if not text or line == TOO_LONG_BYTES:
             return "damaged"
-        # a title of few words begins a section, as a line of other names does
-        begins_section = (
-            bool(cells) and len(text.split()) <= len(AXES) and names_sensor(text) and are_names(cells)
-        )
-        if (table.header and len(cells) > 2 and are_names(cells)) or begins_section:
+        if self._begins_other_table(text, cells):
             self.problem = f"{self._path} line {place} names other columns: only the rows before are used"
             return "other_message"
+        return "damaged" if self._is_part_of_record(text, cells) else "not_numbers"
+
+    def _begins_other_table(self, text: str, cells: Sequence[str]) -> bool:
+        """Return whether a line names other columns, or is a title of few words that names a sensor."""
+        if not cells or not are_names(cells):
+            return False
+        names_columns = bool(self._table.header) and len(cells) > 2
+        return names_columns or (len(text.split()) <= len(AXES) and names_sensor(text))
+
+    def _is_part_of_record(self, text: str, cells: Sequence[str]) -> bool:
+        """Return whether a line has at least half of the numbers of a line of a record."""
         numbers = len(cells) or _numbers_in(text)
-        is_part = 2 * numbers * table.lines >= len(table.names) and bool(numbers)
-        return "damaged" if is_part else "not_numbers"
+        return numbers > 0 and 2 * numbers * self._table.lines >= len(self._table.names)
 
     def _code(self, reason: str, line: bytes) -> str:
         """Return the code of a reason in the ledger: of a table of cells, it says what is wrong with them."""
