@@ -280,16 +280,11 @@ class _ColumnReader:
         return None
 
     def _stated(self, triple: Triple, quantity: str) -> Use | None:
-        """Return a sensor whose unit is stated."""
-        angular, delta = (part.search(self._words(triple)) is not None for part in (ANGULAR, DELTA))
-        key, unit, kind = SENSORS[quantity], triple.unit, kind_of(triple.words)
-        if quantity in INCREMENTS.values() and not delta:
-            if not (angular and quantity == "angle") or re.search(r"angle|pose|position", triple.words):
-                return None  # an orientation, or a velocity over ground
-            reason = f"{triple.label} have the unit {unit}, which is none of a rate: {unit}/s is meant, or they are "
-            reason += "increments"
-            return _use(key, triple, f"{unit}/s", reason)
-        kind = "deltas" if quantity in INCREMENTS.values() else kind
+        """Return a sensor whose unit is stated; None: it is an orientation, or a velocity over ground."""
+        key, unit, words = SENSORS[quantity], triple.unit, self._words(triple)
+        if quantity in INCREMENTS.values() and not DELTA.search(words):
+            return _rates_in_angles(triple) if quantity == "angle" and ANGULAR.search(words) else None
+        kind = "deltas" if quantity in INCREMENTS.values() else kind_of(triple.words)
         named = inertial_sensor_of(triple.words)
         certain = named in ("", key)
         reason = (
@@ -557,6 +552,15 @@ def _use(
     """Return the sensor that a triple is in a unit; empty: nothing shows it."""
     known, kind = known_unit(unit, key) if unit else None, kind or kind_of(triple.words)
     return Use(key, triple.indices, triple.axes, unit, known, certain, reason, assumptions, scale, kind)
+
+
+def _rates_in_angles(triple: Triple) -> Use | None:
+    """Return a gyroscope whose stated unit is one of angles; None: it is an orientation."""
+    if re.search(r"angle|pose|position", triple.words):
+        return None
+    unit = triple.unit
+    reason = f"{triple.label} have the unit {unit}, which is none of a rate: {unit}/s is meant, or they are increments"
+    return _use("gyro", triple, f"{unit}/s", reason)
 
 
 def _by_gravity(triple: Triple, *, named: bool) -> Use:
