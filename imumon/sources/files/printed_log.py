@@ -56,6 +56,9 @@ REGULAR = 0.9
 FREQUENT_LINES, FREQUENT = 8, 0.03
 """Lines, and share of the lines, from which a template is a table of its own: one sensor may be 30 times as fast."""
 
+MOST_DESCRIPTIONS = 4
+"""Rows above the numbers that say one thing of all columns: more of them are samples with equal numbers."""
+
 MOST_CODES = 12
 """Values of a column that divides the rows: a table has no more sensors."""
 
@@ -245,9 +248,8 @@ def _rows_by_form(cells: Sequence[Sequence[str]], decimal: bool) -> dict[tuple[i
 def _first_row(cells: Sequence[Sequence[str]], places: Sequence[int]) -> int:
     """Return the line of the first row of a table: the first of three in succession that describes no columns."""
     first = next((k for k, later in zip(places, places[2:], strict=False) if later - k == 2), places[0])
-    while _is_description(cells[first]) and first + 2 in places:
-        first += 1
-    return first
+    below = next((k for k in range(first, len(cells)) if not _is_description(cells[k])), first)
+    return below if below - first <= MOST_DESCRIPTIONS and below + 1 in places else first
 
 
 def _is_description(row: Sequence[str]) -> bool:
