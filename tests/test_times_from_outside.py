@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from datetime import UTC, datetime
 from itertools import accumulate
@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from ros2_actors import imu_payload
 
 from imumon.model.report import DeviceDescription, SessionCounters
-from imumon.model.samples import ACCEL, GYRO, SampleBlock, Stream
+from imumon.model.samples import SampleBlock
 from imumon.model.saved_state import pack, unpack
 from imumon.record import Record, RecordOptions
 from imumon.ros2.node import Received
@@ -23,6 +23,8 @@ from imumon.ros2.topic_url import parse_url
 from imumon.sources.device import sample_blocks
 from imumon.sources.lines.line_decoder import LineDecoder
 from imumon.sources.ros2.imu_assembler import ImuAssembler
+from imumon.sources.vn100.binary import BinaryLayout, Group
+from imumon.sources.vn100.decoder import Vn100Decoder
 
 BEFORE, BETWEEN = 300, 100  # samples before the first jump, and after each
 STEP_NS, START_NS = 10_000_000, 10**12
@@ -44,6 +46,11 @@ def stamps(jumps: list[int]) -> list[int]:
     return list(accumulate(steps, initial=START_NS))
 
 
+def within(times: Iterable[int], low: int, high: int) -> list[int]:
+    """Times as a field of a message holds them."""
+    return [max(low, min(int(time), high)) for time in times]
+
+
 @contextmanager
 def bounded_memory() -> Iterator[None]:
     """The most that was ever resident grows by no more than libraries take."""
@@ -52,34 +59,45 @@ def bounded_memory() -> Iterator[None]:
     assert getrusage(RUSAGE_SELF).ru_maxrss - before < MOST_KB
 
 
-def of_lines(times: list[int]) -> Iterator[SampleBlock]:
-    decoder = LineDecoder({"accept": ""})
-    for time, row in zip(times, VALUES, strict=False):
-        seconds = f"{'-' * (time < 0)}{abs(time) // 10**9}.{abs(time) % 10**9:09d}"
-        line = "t={} gx={} gy={} gz={} ax={} ay={} az={}\n".format(seconds, *row)
-        yield from decoder.feed(line.encode())
-    yield from decoder.finish()
+def lines(form: str, divisor: int) -> Callable[[list[int]], Iterator[SampleBlock]]:
+    def blocks(times: list[int]) -> Iterator[SampleBlock]:
+        decoder = LineDecoder({"accept": ""})
+        for time, row in zip(times, VALUES, strict=False):
+            whole, rest = divmod(abs(time), divisor)
+            digits = f"{'-' * (time < 0)}{whole}.{rest:0{len(str(divisor)) - 1}d}"
+            yield from decoder.feed(f"{form.format(digits, *row)}\n".encode())
+        yield from decoder.finish()
+
+    return blocks
 
 
-def of_messages(times: list[int]) -> Iterator[SampleBlock]:
-    """Times of a sample clock of 64 bits, as of a VN-100."""
-    stream = Stream("uncompensated", (*GYRO, *ACCEL), "test", "startup")
-    none_lost = np.zeros(1, np.int64)
-    for time, row in zip(times, VALUES, strict=False):
-        yield SampleBlock(stream, row[None], np.array([min(max(time, 0), 2**63 - 1)]), none_lost)
+def vn100(times: list[int]) -> Iterator[SampleBlock]:
+    decoder, layout = Vn100Decoder(), BinaryLayout.of({Group.COMMON: 0x0001, Group.IMU: 0x000C})
+    for time, row in zip(within(times, 0, 2**64 - 1), VALUES, strict=False):
+        message = {"timeStartup": [time], "uncompAccel": [row[3:]], "uncompGyro": [row[:3]]}
+        yield from sample_blocks(decoder.feed(layout.encode(message)))
+    yield from sample_blocks(decoder.finish())
 
 
-def of_hosts(times: list[int]) -> Iterator[SampleBlock]:
-    """Stamps of ROS 2, whose seconds have 32 bits."""
+def ros2(times: list[int]) -> Iterator[SampleBlock]:
     assembler = ImuAssembler(parse_url("ros2:/imu"))
-    for k, (time, row) in enumerate(zip(times, VALUES, strict=False)):
-        stamp = max(-(2**31) * 10**9, min(time, (2**31 - 1) * 10**9))
-        message = Received(imu_payload(stamp, row[:3].tolist(), row[3:].tolist()), k + 1, time, b"a")
-        yield from sample_blocks(assembler.add([message], {}, START_NS + k * STEP_NS))
-    yield from sample_blocks(assembler.finish())
+    stamped = within(times, -(2**31) * 10**9, (2**31 - 1) * 10**9)
+    for k, (time, row) in enumerate(zip(stamped, VALUES, strict=False)):
+        payload = imu_payload(time, row[:3].tolist(), row[3:].tolist())
+        message = Received(payload, k + 1, int(times[k]), b"a")
+        items = assembler.add([message], {}, START_NS + k * STEP_NS)
+        yield from (item for item in items if isinstance(item, SampleBlock))
+    yield from (item for item in assembler.finish() if isinstance(item, SampleBlock))
 
 
-DOORS = {"lines": of_lines, "messages": of_messages, "hosts": of_hosts}
+LABELLED = "t={} gx={} gy={} gz={} ax={} ay={} az={}"
+DOORS = {
+    "labelled s": lines(LABELLED, 10**9),
+    "labelled ms": lines(LABELLED, 10**6),
+    "us": lines("{},{},{},{},{},{},{}", 10**3),
+    "vn100": vn100,
+    "ros2": ros2,
+}
 
 
 @pytest.mark.few

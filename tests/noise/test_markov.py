@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass, replace
+
 import numpy as np
 import pytest
 import scipy
@@ -9,10 +11,14 @@ import scipy.fft
 import scipy.signal
 from noise_fits import fits_of
 
+from imumon.model import coefficients
 from imumon.model.samples import Floats
 from imumon.noise import ChannelFit, markov_law, synthesise
+from imumon.noise.fit import markov_search
 from imumon.noise.fit.curve_statement import bounded_by_curve
-from imumon.noise.fit.model import WALK, WHITE, GaussMarkov, TimedTerm
+from imumon.noise.fit.likelihood import Surface, quantiles
+from imumon.noise.fit.markov_search import MarkovSurface, mixed_with
+from imumon.noise.fit.model import FLICKER, TRIED, WALK, WHITE, GaussMarkov, NoiseTerm, TimedTerm
 
 RATE_HZ, LENGTH, N = 10.0, 50_000, 6.8e-4
 
@@ -111,6 +117,38 @@ def test_what_the_record_does_not_tell_apart_is_indistinct_with_bounds() -> None
         assert fit.markov.sigma.high is not None
 
 
+@pytest.mark.slow
+def test_a_likelihood_with_correlated_noise_has_no_weight_outside_of_its_grid() -> None:
+    """Far outside of its points, a cubic may have any value: there, M would add B or K that the record excludes."""
+    markov = GaussMarkov("M", 100.0)
+    inner = surface(
+        {
+            FLICKER: np.linspace(2.0, 3.0, 10),
+            WALK: np.linspace(0.0, 1.0, 10),
+            markov: np.linspace(0.5, 1.5, 10),
+        }
+    )
+    without = surface({FLICKER: np.linspace(0.0, 3.0, 20), WALK: np.linspace(0.0, 1.0, 20)})
+    with_term = MarkovSurface(inner, markov, np.array([100.0]), np.ones(1), 1e6, inner.powers)
+    both = mixed_with(without, with_term)
+    for term in (FLICKER, WALK):
+        expected = quantiles(inner, term, np.array([0.025, 0.5, 0.975]))
+        assert quantiles(both, term, np.array([0.025, 0.5, 0.975])) == pytest.approx(
+            expected, abs=0.08
+        )  # half a cell of the wider grid
+
+
+def surface(grids: dict[NoiseTerm, Floats]) -> Surface:
+    """Return a likelihood that is largest in the middle of each grid."""
+    centers = [(grid - grid[0]) / np.ptp(grid) for grid in grids.values()]
+    axes = np.meshgrid(*centers, indexing="ij")
+    # its cubic rises far below the points
+    log = sum(-60.0 * (axis - 0.5) ** 2 - 40.0 * (axis - 0.5) ** 3 for axis in axes)
+    m = np.size(log)
+    none = np.zeros((m, 0))
+    return Surface(grids, np.ravel(log), {WHITE: np.ones(m)}, {WHITE: np.ones(m)}, np.zeros(m), none, none)
+
+
 def test_a_mean_that_moves_once_is_no_walk() -> None:
     """It has power in the lowest coefficients only: K is a bound, B keeps its limits, and the drawn model its curve."""
     rng = np.random.default_rng(5)
@@ -153,3 +191,52 @@ def test_slow_markov_noise_is_no_walk() -> None:
     reasons = {fit.K.reason for fit in fits if fit.K.status == "indistinct"}
     assert "the record does not distinguish it from M" in reasons
     assert all(fit.K.low == 0.0 for fit in fits if fit.K.status == "indistinct")
+
+
+RATE_40, WHITE_N = 40.0, 6.1e-5
+
+
+@dataclass(frozen=True, slots=True)
+class SecondOrder(TimedTerm):
+    """Second-order Gauss–Markov noise, critically damped: covariance (1 + |t|/T) exp(-|t|/T)."""
+
+    def rate_density(self, f: Floats) -> Floats:
+        return np.asarray(4.0 * self.time / (1.0 + (2.0 * np.pi * f * self.time) ** 2) ** 2)
+
+    def phase_autocovariance(self, lag: Floats) -> Floats:
+        # minus half of the variance of the integral, which is 2 T^2 (2 x - 3 + (3 + x) exp(-x))
+        x = lag / self.time
+        return np.asarray(-(self.time**2) * (2.0 * x - 3.0 + (3.0 + x) * np.exp(-x)))
+
+
+def second_order(n: int, time_s: float, seed: int) -> Floats:
+    """Return (n,) such noise of standard deviation 1: white noise through two equal low-passes."""
+    a = np.exp(-1.0 / (RATE_40 * time_s))
+    white = np.random.default_rng(seed).standard_normal(n + 20_000)
+    twice = scipy.signal.lfilter([1.0], [1.0, -2.0 * a, a * a], white)[20_000:]
+    return np.asarray(twice * np.sqrt((1.0 - a * a) ** 3 / (1.0 + a * a)))
+
+
+@pytest.fixture
+def registered(monkeypatch: pytest.MonkeyPatch) -> None:
+    row = replace(coefficients.COEFFICIENTS["M"], letter="W", about="second-order correlated noise")
+    monkeypatch.setitem(coefficients.COEFFICIENTS, "W", row)  # type: ignore[arg-type]
+    monkeypatch.setattr(markov_search, "TRIED", (*TRIED, SecondOrder("W", 1.0)))
+
+
+@pytest.mark.usefixtures("registered")
+def test_a_second_correlated_term_is_measured_and_the_first_one_stays() -> None:
+    n, sigma, time_s = 144_000, 3e-4, 4.0
+    values = synthesise(n, RATE_40, N=[WHITE_N, WHITE_N], seed=3, averaged=False)
+    values[:, 0] += sigma * second_order(n, time_s, 5)
+    values[:, 1] += sigma * first_order(n, 1, RATE_40 * time_s, np.random.default_rng(6))[:, 0]
+    second, first = fits_of(values, RATE_40)
+    own = second.coefficients["W"]
+    assert own.status == "measured"
+    assert own.low <= sigma <= own.high
+    assert second.markov is None
+    assert second.N.low <= WHITE_N <= second.N.high
+    assert second.B.status == second.K.status == "upper_bound"
+    assert "model_misses" not in second.caveats
+    assert first.markov.sigma.low <= sigma <= first.markov.sigma.high
+    assert "W" not in first.coefficients

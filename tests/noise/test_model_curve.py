@@ -94,6 +94,26 @@ def test_missing_differences_cost_their_share() -> None:
     assert degrees_of_freedom(m, 0 * full, 4096, powers).tolist() == [0.0] * 7
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", KINDS)
+def test_limits_hold_the_expectation(kind: str) -> None:
+    """95 % of 400 records at each octave, longer ones included; 3.5 standard deviations are 3.8 %."""
+    count, n = 400, 512
+    sizes = {"N": [0.0] * count, "B": 0.0, "K": 0.0}
+    name = KINDS[kind].letter
+    sizes[name] = [1.0] * count if name == "N" else 1.0
+    curve = curve_of(synthesise(n, 1.0, seed=4, **sizes), 1.0)
+    m, avar = curve.m, curve.avar
+    powers = {KINDS[kind]: 1.0}
+    expected = KINDS[kind].allan_variances(m, averaged=True)
+    terms = (n - 2 * m) // np.maximum(1, m // 8) + 1
+    low, high = limit_factors(degrees_of_freedom(m, terms, n, powers))
+    ratio = np.sqrt(avar / expected[:, None])
+    for i in range(len(m)):
+        assert np.mean(ratio[i] * low[i] > 1.0) < 0.025 + 0.028, m[i]
+        assert np.mean(ratio[i] * high[i] < 1.0) < 0.025 + 0.028, m[i]
+
+
 def test_quantiles_agree_with_scipy_stats() -> None:
     dof = np.array([1.0, 1.3, 4.0, 30.0, 59.0, 500.0])
     for probability in (0.025, 0.5, 0.975):
