@@ -192,6 +192,17 @@ def test_a_warm_up_with_effect_has_its_caveat_until_it_is_excluded() -> None:
     assert [event.length_s for event in monitor.events() if event.kind == "warmup"] == [300.0, 600.0]
 
 
+def test_moving_sensor_is_never_graded() -> None:
+    t = np.arange(12_000) / 100.0
+    part = block(12_000)
+    part.values[:, 2] += 0.5 * np.sin(2 * np.pi * 0.1 * t) * np.sin(2 * np.pi * 0.013 * t)
+    part.values[:, 0] += 0.3 * np.sin(2 * np.pi * 0.4 * t)
+    _, current = fed(part)
+    assert current.grade["gyro"].meets is None
+    assert current.channels["gyro/x"].grade.meets is None
+    assert "not_at_rest" in current.caveats
+
+
 def test_a_constant_axis_is_a_caveat_and_its_sensor_has_no_grade() -> None:
     part = block(6000)
     part.values[:, 1] = 0.0
