@@ -91,7 +91,7 @@ def grade_sensor(sensor: str, axes: Mapping[str, Mapping[str, Estimate]]) -> Sen
     not_white = [axis for axis, parts in axes.items() if "N" in parts and parts["N"].reason_code == NOT_WHITE]
     if not_white:
         return SensorGrade(
-            reason=f"the noise of {', '.join(not_white)} is not white, as the limits of N assume"
+            reason=f"the noise of {', '.join(not_white)} is not white, and limits of N are for white noise"
         )
     known = [part for axis, coefficients in axes.items() for part in _graded(sensor, axis, coefficients)]
     if not known:

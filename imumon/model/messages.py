@@ -98,7 +98,7 @@ CAVEATS: Mapping[str, CaveatText] = {
     ),
     "not_white": CaveatText(
         "the noise is not white: N lies between its levels at the highest frequencies",
-        "It is not flat there, and no filter bends it so: look for a vibration. No grade is given.",
+        "Its density is not flat there, and no filter has this shape: look for a vibration. No grade is given.",
     ),
     "ramp": CaveatText("the mean drifts steadily: a ramp is part of the model", "K is fitted beside it."),
     "model_misses": CaveatText(

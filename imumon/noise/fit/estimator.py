@@ -202,8 +202,8 @@ class Estimator:
             less of the upper end than the whole; None: each part has its own, which
             is kept while the part grows.
         channels : which ones, in the order of the results; None: all.
-        only_with : name of a regressor. A channel whose fit cannot have it, unless beside a hump, stays pending: to see
-            that takes a fifth of a fit. None: every channel is fitted.
+        only_with : name of a regressor. A channel whose slow terms have no such regressor is not fitted, and its result
+            is pending: that takes a fifth of the time. Beside a hump, a fit may have others. None: all are fitted.
         """
         out = []
         for channel in range(len(sums.group)) if channels is None else channels:

@@ -263,9 +263,8 @@ class ModelSearch:
 
     def _described(self) -> Model | str:
         """Return the model with the first description of the upper end that the bands do not reject."""
-        if (
-            self._band is not None and not self._powers(1).top.size
-        ):  # steps leave out the bands that the hum has left
+        # steps leave out the bands that the hum has left
+        if self._band is not None and not self._powers(1).top.size:
             return HUM
         best, least = UpperEnd(), np.inf
         for upper_end in self._candidates():

@@ -69,7 +69,7 @@ _LISTED = re.compile(r"(?:col[a-z]*|ch[a-z]*|field)?\s*\d+\s*[:.)=-]+\s*([^\W\d]
 
 
 def listed_names(above: Sequence[str], width: int) -> list[str]:
-    """Return names that stand in lines of their own: behind a number, or before a line with a unit.
+    """Return names of which each has a line: behind a number, or before a line with a unit.
 
     All columns are listed, or all but the first one, which is the time.
     """
@@ -129,9 +129,8 @@ def _header_cells(line: str, width: int, separator: str | None) -> list[str] | N
         cells = split(text, other)
         while len(cells) > width and not cells[-1]:
             cells.pop()
-        if (
-            separator is not None and abs(len(cells) - width) == 1
-        ):  # rows end with a separator, or have no comment
+        # rows end with a separator, or have no comment
+        if separator is not None and abs(len(cells) - width) == 1:
             cells = [*cells, ""][:width]
         if len(cells) == width:
             return cells

@@ -1,4 +1,4 @@
-"""Cells: what stands between the separators of a line, and the number or date in it."""
+"""Cells: the texts between the separators of a line, and the number or date in each."""
 
 from __future__ import annotations
 
