@@ -60,6 +60,13 @@ def test_a_moving_average_costs_no_precision(quiet: Floats, quiet_width: float, 
     assert width(fits, "N") < 2.5 * quiet_width
 
 
+@pytest.mark.parametrize("samples", [300, 600, 1000])
+def test_a_short_record_behind_a_filter_has_a_value_or_a_reason(quiet: Floats, samples: int) -> None:
+    """No band of its spectrum shows what the filter takes."""
+    fits = fitted(moving_average(quiet, 2)[:samples])
+    assert all(fit.N.value is not None or fit.N.reason for fit in fits)
+
+
 @pytest.mark.few
 @pytest.mark.parametrize(
     ("filtered", "size"), [(low_pass, 0.7), (low_pass, 2.0), (low_pass, 6.0), (second_order, 0.2)]

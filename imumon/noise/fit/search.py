@@ -591,6 +591,8 @@ class ModelSearch:
         if not upper_end.low_pass:
             return None
         bands = self._powers(1, list(surface.powers))
+        if bands.top.size < 2:
+            return None  # the record is so short that its spectrum has no end
         bands = bands.take(np.argsort(bands.top))
         model = total(surface.powers, lambda term: bands.expected[term])
         passed = np.maximum(bands.power - ROUNDING_VARIANCE * self._step**2, ROUNDING * bands.power) / model
