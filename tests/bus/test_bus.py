@@ -7,6 +7,8 @@ import json
 import math
 import signal
 import socket
+import subprocess
+import sys
 import time
 from collections.abc import Iterator
 from contextlib import suppress
@@ -434,3 +436,27 @@ def test_a_router_may_start_late_and_restart() -> None:
                 until(lambda: subscriber.alive() == {"a"})
                 with zenoh_sessions.peer(address) as other_tool:  # any other tool
                     until(lambda: [r for r in other_tool.get("imumon/*/gyro/x") if r.ok])
+
+
+STUCK = """
+import sys, threading, zenoh, imumon.cli
+from imumon.__main__ import main
+from imumon.bus.zenoh_session import start_listener
+def command():
+    session = zenoh.open(zenoh.Config.from_json5('{mode: "client", connect: {endpoints: ["%s"]}}'))
+    samples = session.declare_subscriber("imumon/**")
+    kept.extend((session, samples, start_listener(samples, lambda sample: None)))
+    print("the end")
+    return 3
+kept = []
+imumon.cli.main = command
+sys.exit(main())
+"""
+
+
+def test_a_thread_that_outlives_its_time_aborts_no_program(endpoint: str) -> None:
+    """On a starved machine a thread is still inside Zenoh when the interpreter ends."""
+    ended = subprocess.run(
+        [sys.executable, "-c", STUCK % endpoint], capture_output=True, text=True, timeout=60
+    )
+    assert (ended.returncode, ended.stdout, ended.stderr) == (3, "the end\n", "")

@@ -86,8 +86,8 @@ def test_restart_goes_on_with_an_exact_hole(tmp_path: Path) -> None:
         with Daemon(sensor.path, tmp_path) as first:
             before = first.samples(200)
             asked = time.monotonic()
-            code, _, _ = first.stop()
-            assert code == 0
+            code, _, err = first.stop()
+            assert code == 0, err
         time.sleep(away_s)
         with Daemon(sensor.path, tmp_path) as second:
             # the first reports may have no samples yet, or those of the kept record
@@ -149,11 +149,11 @@ def test_a_line_that_is_never_silent_does_not_keep_it_from_its_end(
 
 
 def test_what_has_come_by_the_stop_counts(tmp_path: Path) -> None:
-    words = (
-        "--listen-only",
-        "--rate",
-        "40",
-    )  # a silent sensor is asked nothing: all that is sent are samples
+    config = tmp_path / "config.toml"
+    # reports come so fast that the first stall ends before the daemon takes the sensor for lost
+    config.write_text("[report]\nperiod_s = 0.2\n")
+    # a silent sensor is asked nothing: all that is sent are samples
+    words = ("--listen-only", "--rate", "40", "--config", str(config))
     with spawn(EmulatorSettings(seed=2)) as sensor, Daemon(sensor.path, tmp_path, *words) as daemon:
 
         def all_is_read() -> None:
