@@ -36,6 +36,7 @@ from imumon.sources.files.column_names import (
     is_of_another_sensor,
     is_of_one_axis,
     kind_of,
+    named_channel,
     names_sensor,
     split_unit,
     triples,
@@ -112,12 +113,9 @@ def read_columns(
     check_meaning(options.units, options.samples)
     if (rate := (options.columns or {}).get("rate")) is not None:
         options = replace(options, rate_hz=_rate_of(rate))
-    columns = []
-    for k, name in enumerate(names):
-        base, unit = split_unit(name)
-        unit = units[k].strip("[]() ") if k < len(units) and units[k] else unit
-        hint = "mag" if re.search("mag|field", base, re.IGNORECASE) else ""
-        columns.append(NamedColumn(k, name, base, unit, known_unit(unit, hint) if unit else None, rows[:, k]))
+    columns = _named_columns(names, units, rows)
+    if units and any(map(_has_unit_of_another, columns)):  # the line is not that of these names
+        columns = _named_columns(names, (), rows)
     clock = ColumnClock(columns, options, stated_hz, set(dates))
     return _ColumnReader(columns, options, source, clock).reading()
 
@@ -635,6 +633,26 @@ def _contradiction(triple: Triple, unit: str, known: Unit) -> str:
     if size * known.factor > STRONGEST:
         return f"{triple.label} have the unit {unit}, and their length of {size:.4g} is more than one at rest shows"
     return ""
+
+
+def _named_columns(names: Sequence[str], units: Sequence[str], rows: Floats) -> list[NamedColumn]:
+    """Return the columns of a table with their units: of a line of units, else of the name."""
+    columns = []
+    for k, name in enumerate(names):
+        base, unit = split_unit(name)
+        unit = units[k].strip("[]() ") if k < len(units) and units[k] else unit
+        hint = "mag" if re.search("mag|field", base, re.IGNORECASE) else ""
+        columns.append(NamedColumn(k, name, base, unit, known_unit(unit, hint) if unit else None, rows[:, k]))
+    return columns
+
+
+def _has_unit_of_another(column: NamedColumn) -> bool:
+    """Return whether a time has the unit of a sensor, or a sensor that of a time."""
+    if column.known is None:
+        return False
+    if column.known.quantity == "t":
+        return "/" in named_channel(column.base)[0]
+    return column.known.quantity in SENSORS and TIME.search(column.words) is not None
 
 
 def _moves(triple: Triple) -> bool:

@@ -255,16 +255,17 @@ def test_counts_need_the_number_of_the_data_sheet() -> None:
 @pytest.mark.parametrize(
     ("text", "rate"),
     [
-        ("Fs,100", 100.0), ("# Sample Rate = 250 Hz", 250.0), ("Update Rate: 100.0Hz", 100.0), ("ODR: 1.6 kHz", 1600.0),
+        ("Fs,100", 100.0), ("# Sample Rate = 250 Hz", 250.0), ("Update Rate: 100.0Hz", 100.0), ("rate: 1.6 kHz", 1600.0),
         ("data_rate = 100.0 Hz, filter = 488 Hz", 100.0), ("baud rate: 115200", None), ("range 8", None),
         ("baudrate 9600, sample rate 50", 50.0), ("EMG sampling frequency: 1111\nACC sampling frequency: 148", None),
         ("GPS update rate: 10 Hz", None), ("gyro rate 500dps, 4g", None), ("Max angular rate: 2000 deg/s", None),
         ("frame rate: 30", None), ("low pass filter frequency: 40 Hz", None), ("control loop rate: 250 Hz", None),
         ("odr: 104\nrate: 100", None), ("Rate 50", 50.0), ("sample_rate_hz: 100", 100.0),
-        ("Sample interval (s): 0.01", 100.0),
+        ("Sample interval (s): 0.01", 100.0), ("ODR: 1000 Hz", None), ("output data rate 1000 Hz", None),
+        ("sample rate 1000 Hz, every 10th row", None), ("Fs 1000, decimation 10", None), ("ODR 100\nFs 100", 100.0),
     ],
 )  # fmt: skip
-def test_a_rate_beside_the_word_rate_is_stated(text: str, rate: float | None) -> None:
+def test_a_rate_of_the_rows_beside_the_word_rate_is_stated(text: str, rate: float | None) -> None:
     assert stated_rate(text) == rate
 
 
@@ -285,3 +286,13 @@ def test_the_axes_of_a_ship_have_an_order() -> None:
     reading = read(header, 10 * STEP, ACCEL[:, [2, 0, 1]] / G * 1e3)
     assert reading.certain
     assert reading.uses[0].columns == (2, 3, 1)
+
+
+@pytest.mark.parametrize("shift", [-1, 1])
+def test_units_that_are_beside_their_names_state_nothing(shift: int) -> None:
+    names, units = ["n", "t", "gx", "gy", "gz"], ["", "ms", "deg/s", "deg/s", "deg/s"]
+    rows = np.column_stack([STEP, 10 * STEP, GYRO / DEG])
+    shifted = [*units[-shift:], *units[:-shift]]
+    unclear = {use.key: use.unit for use in read_columns(names, shifted, rows).uses if not use.certain}
+    assert unclear == {"gyro": "deg/s", "t": "ms"}
+    assert read_columns(names, units, rows).certain
