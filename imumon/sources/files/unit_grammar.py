@@ -179,30 +179,36 @@ _PERIOD = re.compile(
 """Unit of an interval of samples in brackets, a number, and the word behind it."""
 
 _OF_OTHERS = re.compile(
-    r"baud|bit|gps|gnss|frame|video|camera|heart|refresh|mag|baro|press|temp|max|bandwidth|filter|pass|cut",
+    r"baud|bit|gps|gnss|frame|video|camera|heart|refresh|mag|baro|press|temp|max|bandwidth|filter|pass|cut"
+    r"|output data",
     re.IGNORECASE,
 )
-"""Words before a rate that is not that of samples of the sensor."""
+"""Words before a rate that is not that of the rows: of another part, or the output data rate, a setting of the chip."""
+
+_THINNED = re.compile(r"every\s+\d+\s*(?:st|nd|rd|th)\b|decimat|(?:down|sub)-?sampl", re.IGNORECASE)
+"""Words of a text whose rows are a part of the samples: the rate that it states is not that of the rows."""
 
 
 def stated_rate(text: str) -> float | None:
-    """Return the rate beside the word rate or Fs, or of a stated interval, Hz; None: none, or several that differ.
+    """Return the rate beside the word rate or Fs, or of a stated interval, Hz; None: none of the rows, or several.
 
     >>> stated_rate("// Update Rate: 100.0Hz"), stated_rate("Fs,100"), stated_rate("at 52 Hz"), stated_rate("range 8")
     (100.0, 100.0, 52.0, None)
     >>> stated_rate("GPS rate: 5 Hz"), stated_rate("rate 2000 dps"), stated_rate("Sampling period: 10 ms")
     (None, None, 100.0)
     """
-    rates = {
-        float(number) * (1e3 if behind.lower().startswith("khz") else 1.0)
+    stated = [
+        (word.lower().strip("_"), float(number) * (1e3 if behind.lower().startswith("khz") else 1.0))
         for before, word, number, behind in _RATE.findall(text)
         if known_unit(behind) is None
         and not _OF_OTHERS.search(before)
         and (word.lower().strip("_") not in ("rate", "freq", "frequency") or _OF_SAMPLES.search(before))
-    }
+    ]
+    # the output data rate is a setting of the chip, which may be read less often
+    rates = {hz for _, hz in stated} if any(word != "odr" for word, _ in stated) else set()
     for in_brackets, number, behind in _PERIOD.findall(text):
         unit = known_unit(in_brackets or behind)
         if unit is not None and unit.quantity == "t" and float(number) > 0.0:
             rates.add(1.0 / (float(number) * unit.factor))
-    rate = rates.pop() if len(rates) == 1 else 0.0
+    rate = rates.pop() if len(rates) == 1 and not _THINNED.search(text) else 0.0
     return rate if POSSIBLE_HZ[0] <= rate <= POSSIBLE_HZ[1] else None

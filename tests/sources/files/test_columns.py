@@ -255,7 +255,7 @@ def test_counts_need_the_number_of_the_data_sheet() -> None:
 @pytest.mark.parametrize(
     ("text", "rate"),
     [
-        ("Fs,100", 100.0), ("# Sample Rate = 250 Hz", 250.0), ("Update Rate: 100.0Hz", 100.0), ("rate: 1.6 kHz", 1600.0),
+        ("Fs,100", 100.0), ("# Sample Rate = 250 Hz", 250.0), ("Update Rate: 100.0Hz", 100.0), ("Fs 1.6 kHz", 1600.0),
         ("data_rate = 100.0 Hz, filter = 488 Hz", 100.0), ("baud rate: 115200", None), ("range 8", None),
         ("baudrate 9600, sample rate 50", 50.0), ("EMG sampling frequency: 1111\nACC sampling frequency: 148", None),
         ("GPS update rate: 10 Hz", None), ("gyro rate 500dps, 4g", None), ("Max angular rate: 2000 deg/s", None),
