@@ -23,7 +23,7 @@ from imumon.model.errors import ImumonError, why
 from imumon.model.system_errors import cure_of_reading, is_damage
 from imumon.sources.files.array_table import ArrayBlocks, ArrayTable
 from imumon.sources.files.base import ReadOptions, RecordingError
-from imumon.sources.files.document_file import OCTAVE, json_arrays, octave_arrays
+from imumon.sources.files.document_file import OCTAVE, json_arrays, named_arrays, octave_arrays
 
 MOST_RATIO = 100
 """Bytes per byte of the file to which it may decompress: numbers of a sensor reach 10."""
@@ -234,19 +234,8 @@ def _mat(path: str) -> dict[str, Any]:
     io: Any = scipy.io
 
     _check_size(path, sum(8 * math.prod(shape) for _, shape, _ in io.whosmat(path)), "mat")
-    arrays: dict[str, Any] = {}
-
-    def add(name: str, value: Any) -> None:
-        if value.dtype.names and value.size == 1:
-            for field in value.dtype.names:
-                add(f"{name}.{field}", np.asarray(value.reshape(-1)[0][field]))
-        elif value.dtype.kind in "iuf" and value.ndim == 2:
-            arrays[name] = value
-
-    for name, value in io.loadmat(path).items():
-        if isinstance(value, np.ndarray) and not name.startswith("__"):
-            add(name, value)
-    return arrays
+    content = io.loadmat(path, simplify_cells=True)
+    return named_arrays({name: value for name, value in content.items() if not name.startswith("__")})
 
 
 def _parquet(path: str) -> dict[str, Any]:

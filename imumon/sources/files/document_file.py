@@ -1,14 +1,16 @@
-"""Documents: named arrays in one object of JSON, and in text of Octave.
+"""Documents: named arrays in one object of JSON, in structs of MATLAB, and in text of Octave.
 
 A program that has its arrays in memory writes them as a whole: ``{"gyro": [[...], ...], "fs": 100}``, the object of a
 DataFrame, or ``save -text`` of Octave. Such a file is no lines of records. Its arrays go the way of those of
-`array_file`; a list of names beside an array of as many columns, with units or without, names these.
+`array_file`; a list of names beside an array of as many columns, with units or without, names these. In a list of
+objects, such as the signals of Simulink, the text by which they differ names each.
 """
 
 from __future__ import annotations
 
 import json
 import os
+import re
 from collections.abc import Iterator, Mapping
 from itertools import islice
 from typing import Any
@@ -21,6 +23,9 @@ from imumon.sources.files.column_names import FEWEST, names_sensor
 
 MOST_DOCUMENT = 1 << 25
 """Bytes of an object of JSON, of which all is in memory: 20 times as much at worst. A longer one is read as text."""
+
+MOST_PARTS = 64
+"""Objects of a list that are parts with a name each; more of them are samples."""
 
 OCTAVE = b"# Created by Octave"
 """First bytes of a text of Octave."""
@@ -41,14 +46,20 @@ def json_arrays(path: str) -> dict[str, Any]:
             pass
         file.seek(0)
         try:
-            arrays = dict(_arrays("", json.load(file), {}))
+            arrays = named_arrays(json.load(file))
         except (ValueError, RecursionError):
             return {}
     return arrays if any(len(array) > 1 for array in arrays.values()) else {}
 
 
+def named_arrays(value: Any) -> dict[str, Any]:
+    """Return the arrays and numbers in objects and lists, by their paths."""
+    return dict(_arrays("", value, {}))
+
+
 def _arrays(path: str, value: Any, beside: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
-    """Yield the arrays and numbers in a value of JSON by their paths; `beside` has the values beside it."""
+    """Yield the arrays and numbers in a value by their paths; `beside` has the values beside it."""
+    value = _named_parts(value)
     if isinstance(value, dict) and not _is_indexed_column(value):
         for name, inner in value.items():
             yield from _arrays(f"{path}.{name}" if path else name, inner, value)
@@ -63,13 +74,26 @@ def _arrays(path: str, value: Any, beside: Mapping[str, Any]) -> Iterator[tuple[
         yield path, np.atleast_1d(array)
 
 
+def _named_parts(value: Any) -> Any:
+    """Return a short list of objects as an object: by the text, of three letters at least, that each has for itself."""
+    if not isinstance(value, list) or len(value) > MOST_PARTS or not all(isinstance(v, dict) for v in value):
+        return value
+    for key in value[0] if value else ():
+        texts = {part[key]: part for part in value if re.search("[A-Za-z]{3}", str(part.get(key)))}
+        if len(texts) == len(value) and all(isinstance(text, str) for text in texts):
+            return texts
+    return value
+
+
 def _is_indexed_column(value: Mapping[str, Any]) -> bool:
     """Return whether an object is a column of a DataFrame, with its values by their index."""
     return len(value) >= FEWEST and all(key.isdigit() for key in value)
 
 
 def _numbers(value: Any) -> Floats | None:
-    """Return the number or the array of numbers that a value of JSON is; None: it is none."""
+    """Return the number or the array of numbers that a value is; None: it is none."""
+    if isinstance(value, np.ndarray):
+        return value if value.dtype.kind in "iuf" else None
     if isinstance(value, bool) or not isinstance(value, int | float | list):
         return None
     try:
@@ -80,6 +104,7 @@ def _numbers(value: Any) -> Floats | None:
 
 def _names(value: Any, shape: tuple[int, ...]) -> list[str]:
     """Return the names of columns in a list of texts, or of objects with a name and a unit; empty: it is none."""
+    value = value.tolist() if getattr(value, "dtype", None) == object else value
     if not isinstance(value, list) or (len(value),) != shape:
         return []
     if all(isinstance(each, str) for each in value):

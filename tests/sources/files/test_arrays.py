@@ -60,6 +60,12 @@ def lists() -> dict[str, Any]:
     }
 
 
+def parts() -> dict[str, Any]:
+    arrays = {"gyro": GYRO, "accel": ACCEL}
+    signals = [{"values": array.tolist(), "label": name} for name, array in arrays.items()]
+    return {"log": {"time": T.tolist(), "signals": signals}}
+
+
 OCTAVE = "# Created by Octave 6.4\n" + "".join(
     f"# name: {name}\n# type: matrix\n# rows: {len(array)}\n# columns: {array.shape[1]}\n"
     + "".join(f" {' '.join(map(repr, row))}\n" for row in array.tolist())
@@ -93,6 +99,7 @@ WRITERS: dict[str, Callable[[Path], Any]] = {
             "Fs": {"Acc": 1.0 / (T[1] - T[0])},
         },
     ),
+    "parts.mat": lambda path: mat(path, **parts()),
     "octave.txt": lambda path: path.write_text(OCTAVE),
     "a.parquet": lambda path: parquet(path, name=["a"] * len(T), **columns()),
     "stamps.parquet": lambda path: parquet(
@@ -106,6 +113,7 @@ DOCUMENTS: dict[str, Callable[[Path], Any]] = {
     "rows.json": lambda path: path.write_text(
         json.dumps({"sensors": [{"name": n, "unit": u} for n, u in UNITS.items()], "values": ROWS.tolist()})
     ),
+    "parts.json": lambda path: path.write_text(json.dumps(parts())),
     "frame.json": lambda path: path.write_text(
         json.dumps({n: dict(enumerate(c.tolist())) for n, c in zip(UNITS, ROWS.T, strict=True)}, indent=1)
     ),
