@@ -598,7 +598,7 @@ def _in_counts(triple: Triple, key: str) -> Use:
 
 def _by_noise(triple: Triple, beside: str, *, named: bool) -> Use:
     """Return a gyroscope whose unit only its noise suggests, beside an accelerometer in a unit."""
-    if triple.counts:
+    if triple.counts and beside != "mg":  # whole numbers of mg are beside such of mdeg/s
         return _in_counts(triple, "gyro")
     unit, noise = unit_of_rate(triple.rows, beside), sample_noise(triple.rows)
     other = "rad/s" if unit != "rad/s" else "deg/s"
@@ -670,7 +670,8 @@ def _may_be_gyro(triple: Triple) -> bool:
 
 def _unit_of_one_g(triple: Triple) -> str:
     """Return the unit of an accelerometer, stated or that of its length; empty: it is none."""
-    if triple.known_quantity not in (None, "accel") or ANGULAR.search(triple.words):
+    in_counts = triple.counts and counts_of_gravity(triple.size)
+    if triple.known_quantity not in (None, "accel") or ANGULAR.search(triple.words) or in_counts:
         return ""
     return triple.unit.lower() if triple.known_quantity else next(iter(units_of_gravity(triple.size)), "")
 

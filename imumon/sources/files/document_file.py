@@ -104,7 +104,8 @@ def _numbers(value: Any) -> Floats | None:
 
 def _names(value: Any, shape: tuple[int, ...]) -> list[str]:
     """Return the names of columns in a list of texts, or of objects with a name and a unit; empty: it is none."""
-    value = value.tolist() if getattr(value, "dtype", None) == object else value
+    if isinstance(value, np.ndarray) and value.dtype.kind in "OU":  # a cell array, or texts
+        value = value.tolist()
     if not isinstance(value, list) or (len(value),) != shape:
         return []
     if all(isinstance(each, str) for each in value):

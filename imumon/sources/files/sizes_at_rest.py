@@ -103,18 +103,27 @@ def units_of_gravity(size: float) -> list[str]:
     >>> units_of_gravity(9.79), units_of_gravity(0.98), units_of_gravity(996.0), units_of_gravity(3.0)
     (['m/s^2'], ['g'], ['mg', 'cm/s^2'], [])
     """
-    apart = {}
-    for unit in GRAVITY_UNITS:
-        known = known_unit(unit)
-        assert known is not None
-        apart[unit] = abs(size * known.factor / STANDARD_GRAVITY - 1.0)
+    apart = _apart_from_one_g(size)
     return sorted((unit for unit in apart if apart[unit] < NEAR_ONE_G), key=apart.__getitem__)
 
 
+def _apart_from_one_g(size: float) -> dict[str, float]:
+    """Return the share by which a size differs from one g in each unit."""
+    known = {unit: known_unit(unit) for unit in GRAVITY_UNITS}
+    return {
+        unit: abs(size * of.factor / STANDARD_GRAVITY - 1.0) for unit, of in known.items() if of is not None
+    }
+
+
 def counts_of_gravity(size: float) -> float:
-    """Return the counts per g that a size shows: a power of two if it is near one, else 0.0."""
+    """Return the counts per g that a size shows: a power of two, if it is nearer than one g in a unit; else 0.0.
+
+    >>> counts_of_gravity(2040.0), counts_of_gravity(999.0), counts_of_gravity(3000.0)
+    (2048.0, 0.0, 0.0)
+    """
     power = 2.0 ** round(math.log2(size)) if size > 0.0 else 0.0
-    return power if 64.0 <= power <= 65536.0 and abs(size / power - 1.0) < NEAR_ONE_G else 0.0
+    nearest = min(NEAR_ONE_G, *_apart_from_one_g(size).values())
+    return power if 64.0 <= power <= 65536.0 and abs(size / power - 1.0) < nearest else 0.0
 
 
 def unit_of_rate(rows: Floats, beside: str) -> str:
@@ -128,6 +137,6 @@ def unit_of_rate(rows: Floats, beside: str) -> str:
     if beside == "mg" and MILLIRADIANS[0] < noise < MILLIRADIANS[1]:
         return "mrad/s"
     if noise > NOISIEST_DEG:
-        return "mdeg/s" if noise > 20.0 else "deg/h"
+        return "mdeg/s" if noise > 20.0 or beside == "mg" else "deg/h"
     hint = {"g": 2.0, "mg": 2.0, "m/s^2": 0.6}.get(beside, 1.0)
     return "deg/s" if noise * hint > BETWEEN_UNITS else "rad/s"

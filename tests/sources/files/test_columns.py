@@ -252,6 +252,15 @@ def test_counts_need_the_number_of_the_data_sheet() -> None:
     assert given.layout().columns[0].factor == pytest.approx(DEG / 131.0)
 
 
+def test_whole_numbers_are_in_the_unit_that_is_nearest_to_1_g() -> None:
+    gyro, accel = np.rint(GYRO / DEG * 1e3), ACCEL / np.linalg.norm(ACCEL.mean(axis=0))
+    in_mg = read("t_ms,gx,gy,gz,ax,ay,az", 10 * STEP, gyro, np.rint(1000.0 * accel))
+    assert not in_mg.certain
+    assert {use.key: use.unit for use in in_mg.uses} == {"gyro": "mdeg/s", "accel": "mg", "t": "ms"}
+    in_counts = read("t_ms,gx,gy,gz,ax,ay,az", 10 * STEP, gyro, np.rint(1024.0 * accel))
+    assert [use.scale for use in in_counts.uses] == [0.0, 1.0 / 1024.0, 1.0]
+
+
 @pytest.mark.parametrize(
     ("text", "rate"),
     [
