@@ -21,8 +21,8 @@ from numpy.lib import format as npy
 from imumon.files import open_regular
 from imumon.model.errors import ImumonError, why
 from imumon.model.system_errors import cure_of_reading, is_damage
-from imumon.sources.files.array_table import ArrayBlocks, ArrayTable
-from imumon.sources.files.base import ReadOptions, RecordingError
+from imumon.sources.files.array_table import StoredArray
+from imumon.sources.files.base import RecordingError
 from imumon.sources.files.document_file import OCTAVE, json_arrays, named_arrays, octave_arrays
 
 MOST_RATIO = 100
@@ -50,46 +50,44 @@ FORMS = {
     "octave": Form("a text of Octave", "no_octave", "no_octave", "save it again with save -text"),
 }
 
-MAGIC = {b"\x93NUMPY": "npy", b"MATLAB 5.0": "mat", b"PAR1": "parquet", OCTAVE: "octave"}
+MAGIC = {
+    b"\x93NUMPY": "npy", b"MATLAB 5.0": "mat", b"PAR1": "parquet", OCTAVE: "octave", b"{": "json", b"[": "json"
+}  # fmt: skip
 """First bytes of the files of each form."""
 
 
-def array_kind(path: str, head: bytes) -> str | None:
-    """Return which of `FORMS` a file has by its first bytes; None: another one.
+def read_arrays(path: str, head: bytes) -> tuple[str, Mapping[str, Any]] | None:
+    """Return which of `FORMS` a file has, and its arrays; None: it is no file of arrays.
+
+    Parameters
+    ----------
+    head : its first bytes.
 
     Raises
     ------
-    RecordingError : it is a workbook.
+    RecordingError : it cannot be read, or is a workbook.
     """
-    if head.startswith((b"{", b"[")):
-        with _damage(path, "json"):
-            return "json" if json_arrays(path) else None
+    form = _form(path, head)
+    if form is None:
+        return None
+    with _damage(path, form):
+        arrays = _READERS[form](path)
+    # a text that begins as an object of JSON may be one of records
+    return (form, arrays) if arrays or form != "json" else None
+
+
+def _form(path: str, head: bytes) -> str | None:
+    """Return which of `FORMS` a file may have by its first bytes; None: another one."""
     if not head.startswith(b"PK\x03\x04"):
-        return next((kind for magic, kind in MAGIC.items() if head.startswith(magic)), None)
+        return next((form for magic, form in MAGIC.items() if head.startswith(magic)), None)
     try:
         with _opened(path) as file, zipfile.ZipFile(file) as archive:
             names = archive.namelist()
-    except Exception:  # zipfile raises many kinds; `array_file` says what is wrong
+    except Exception:  # zipfile raises many kinds; its reader says what is wrong
         names = []
     if "xl/workbook.xml" in names:
         raise RecordingError("format_xlsx", f"{path} is a workbook of Excel", "save the sheet as CSV")
     return "npz" if path.endswith(".npz") or any(name.endswith(".npy") for name in names) else None
-
-
-def array_file(path: str, kind: str, options: ReadOptions) -> ArrayTable:
-    """Open a file of arrays.
-
-    Parameters
-    ----------
-    kind : key of `FORMS`.
-
-    Raises
-    ------
-    RecordingError : it cannot be read, or has no inertial sensor.
-    """
-    with _damage(path, kind):
-        arrays = _READERS[kind](path)
-    return ArrayTable(arrays, options, path, kind)
 
 
 @contextmanager
@@ -129,7 +127,7 @@ def _check_size(path: str, total: int, kind: str) -> None:
 # ---------------------------------------------------------------- NumPy
 
 
-class _StoredNumbers:
+class _StoredNumbers(StoredArray):
     """Numbers of an array of NumPy, of which the last block is in memory.
 
     Parameters
@@ -143,22 +141,23 @@ class _StoredNumbers:
         self, path: str, opened: Callable[[], IO[bytes]], begin: int, shape: tuple[int, ...], dtype: Any
     ) -> None:
         self._path, self._opened, self._begin, self._dtype = path, opened, begin, dtype
-        self._width = shape[1:]
+        self.shape = shape
         self._file: IO[bytes] | None = None
-        self._rows = (0, 0)
+        self._rows = slice(0, 0)
         self._block: Any = None
 
-    def read(self, start: int, end: int) -> Any:
-        if (start, end) == self._rows:
+    def __getitem__(self, rows: slice) -> Any:
+        if rows == self._rows:
             return self._block
-        size = math.prod(self._width) * self._dtype.itemsize
+        width = math.prod(self.shape[1:])
+        count = len(range(self.shape[0])[rows])
         with _damage(self._path, "npz"):
-            if self._file is None or start != self._rows[1]:  # only the first block is read again
+            if self._file is None or rows.start != self._rows.stop:  # only the first block is read again
                 self._file = self._opened()
-                self._file.seek(self._begin + start * size)
-            data = self._file.read((end - start) * size)
-            self._block = np.frombuffer(data, self._dtype).reshape(end - start, *self._width)
-        self._rows = (start, end)
+                self._file.seek(self._begin + (rows.start or 0) * width * self._dtype.itemsize)
+            data = self._file.read(count * width * self._dtype.itemsize)
+            self._block = np.frombuffer(data, self._dtype).reshape(count, *self.shape[1:])
+        self._rows = rows
         return self._block
 
 
@@ -205,8 +204,7 @@ def _npy_arrays_in(
         text = f"{path} is corrupt: {name or 'it'} claims {claimed:,} bytes and has {present:,}"
         raise RecordingError(FORMS["npz"].corrupt, text, FORMS["npz"].cure)
     if dtype.kind in "iuf" and (len(shape) == 1 or (len(shape) == 2 and not by_column and shape[0] > 1)):
-        numbers = _StoredNumbers(path, opened, file.tell(), shape, dtype)
-        return {name: ArrayBlocks(shape, numbers.read)}
+        return {name: _StoredNumbers(path, opened, file.tell(), shape, dtype)}
     # fields of records, and columns one behind the other
     array = np.frombuffer(file.read(), dtype).reshape(shape, order="F" if by_column else "C")
     if dtype.names and array.ndim == 1:

@@ -5,15 +5,14 @@ columns have the name of the array and a number from 1.
 
 Missing samples are NaN, masked values of NumPy, ``None`` and ``NA`` of pandas. An array of dates is a time. Everything
 else that is no number is refused if its name is that of a sensor or a time: an array of objects may hold anything, and
-one of texts, of complex numbers or of bools is no signal. Rows are converted block by block, so that nothing is copied
-as a whole.
+one of texts, of complex numbers or of bools is no signal. Rows are taken block by block: an array may be in a file.
 """
 
 from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from numbers import Real
 from typing import Any
@@ -46,6 +45,20 @@ DATE_UNITS = ("s", "ms", "us", "ns")
 """Units of dates that a time may have; others become ns."""
 
 
+class StoredArray:
+    """Array (n,) or (n, k) in a file, whose rows are read by a slice: the first ones, or those behind the last.
+
+    Attributes
+    ----------
+    shape : of the array.
+    """
+
+    shape: tuple[int, ...]
+
+    def __getitem__(self, rows: slice) -> Any:
+        raise NotImplementedError
+
+
 @dataclass(frozen=True, slots=True)
 class ArrayColumn:
     """Column of an array.
@@ -53,26 +66,22 @@ class ArrayColumn:
     Attributes
     ----------
     name : as of a column of a table.
-    length : rows.
-    rows : returns the numbers from a row to another one.
+    array : (n,) or (n, k) numbers, in memory or a `StoredArray`.
+    place : of the column in it.
     """
 
     name: str
-    length: int
-    rows: Callable[[int, int], Any]
+    array: Any
+    place: int = 0
 
+    @property
+    def length(self) -> int:
+        """Rows."""
+        return int(self.array.shape[0])
 
-@dataclass(frozen=True, slots=True)
-class ArrayBlocks:
-    """Array (n,) or (n, k) that is read block by block.
-
-    Attributes
-    ----------
-    read : returns the rows from one to another: the first ones, or those that follow the last ones.
-    """
-
-    shape: tuple[int, ...]
-    read: Callable[[int, int], Any]
+    def rows(self, start: int, end: int) -> Any:
+        """Return the numbers from a row to another one."""
+        return self.array[start:end].reshape(end - start, -1)[:, self.place]
 
 
 class ArrayTable(Table):
@@ -183,45 +192,28 @@ def columns_of(name: str, value: Any) -> list[ArrayColumn]:
     """
     if (dates := _dates(name, value)) is not None:
         return [dates]
-    name_of = plain(name)
-    if isinstance(value, ArrayBlocks):
-        return _columns_of_blocks(name_of, value)
+    name = plain(name)
     try:
-        array = _numbers(name_of, value)
+        array = _numbers(name, value)
     except RecordingError:
-        if names_sensor(name_of) or names_time(name_of):
+        if names_sensor(name) or names_time(name):
             raise
         return []  # a column of labels, say
-    if _is_extension(array):
-        return [
-            ArrayColumn(name_of, len(array), lambda start, end: _of_extension(name_of, array, start, end))
-        ]
-    if array.ndim == 2 and array.shape[0] == 1:
-        array = array.reshape(-1)
-    return _columns_of_blocks(
-        name_of, ArrayBlocks(array.shape, lambda start, end: _with_nan(array[start:end]))
-    )
-
-
-def _columns_of_blocks(name: str, array: ArrayBlocks) -> list[ArrayColumn]:
-    """Return the columns of an array of numbers; none if it is a single number or has no rows and columns."""
     if len(array.shape) not in (1, 2):
         return []
-    length = array.shape[0]
     if len(array.shape) == 1:
-        return [ArrayColumn(name or "1", length, array.read)]
-    width = array.shape[1]
-    if length == len(AXES) < width <= MOST_TRANSPOSED:  # the longer side of an array is its time
-        whole = array.read(0, length).T
-        array = ArrayBlocks(whole.shape, lambda start, end: whole[start:end])
+        return [ArrayColumn(name or "1", array)]
+    length, width = array.shape
+    if (
+        length == 1 or length == len(AXES) < width <= MOST_TRANSPOSED
+    ):  # the longer side of an array is its time
+        array = array[:].T
         length, width = array.shape
     if length == len(AXES) < width and names_sensor(name):
         cure = f"transpose it to n x 3, {name}={name}.T"
         raise RecordingError("array_transposed", f"the array {name} is 3 x n", cure)
-    return [
-        ArrayColumn(column, length, lambda start, end, k=k: array.read(start, end)[:, k])  # type: ignore[misc]
-        for k, column in enumerate([name or "1"] if width == 1 else _column_names(name, width))
-    ]
+    names = [name or "1"] if width == 1 else _column_names(name, width)
+    return [ArrayColumn(column, array, k) for k, column in enumerate(names)]
 
 
 def _column_names(name: str, width: int) -> list[str]:
@@ -239,21 +231,22 @@ def float_array(name: str, value: Any) -> Floats:
     ------
     RecordingError : it holds no numbers.
     """
-    array = _numbers(name, value)
-    if _is_extension(array):
-        return _of_extension(name, array, 0, len(array))
-    return np.asarray(_with_nan(array), dtype=np.float64)
+    return np.asarray(_numbers(name, value), dtype=np.float64)
 
 
 def _numbers(name: str, value: Any) -> Any:
-    """Return an array of numbers: of NumPy, masked or not, or a column of pandas; raise `RecordingError` of others.
+    """Return an array of numbers, of which missing ones are NaN; raise `RecordingError` if it is none.
 
     An array of objects that are numbers or missing has numbers then. Without a missing value, nothing but a mistake
     makes objects of numbers.
     """
-    if _is_extension(value):
-        _of_extension(name, value, 0, 1)
+    if isinstance(value, StoredArray):
         return value
+    if hasattr(value, "iloc") and not isinstance(getattr(value, "dtype", None), np.dtype):
+        try:  # a column of pandas whose values are no array of NumPy
+            return np.asarray(value.to_numpy(dtype=np.float64, na_value=np.nan))
+        except (TypeError, ValueError):
+            raise _no_numbers(name, value) from None
     try:
         array = np.asanyarray(value)
     except ValueError:  # rows of different lengths
@@ -267,25 +260,8 @@ def _numbers(name: str, value: Any) -> Any:
             array = np.array(floats).reshape(array.shape)
     if array.dtype.kind not in "iuf":
         raise _no_numbers(name, array)
-    return array
-
-
-def _with_nan(array: Any) -> Any:
-    """Return an array with NaN in place of its masked values."""
-    return np.ma.filled(array.astype(np.float64), np.nan) if isinstance(array, np.ma.MaskedArray) else array
-
-
-def _is_extension(value: Any) -> bool:
-    """Return whether this is a column of pandas whose values are no array of NumPy."""
-    return hasattr(value, "iloc") and not isinstance(getattr(value, "dtype", None), np.dtype)
-
-
-def _of_extension(name: str, value: Any, start: int, end: int) -> Floats:
-    """Return some rows of such a column; NaN where it has NA."""
-    try:
-        return np.asarray(value.iloc[start:end].to_numpy(dtype=np.float64, na_value=np.nan))
-    except (TypeError, ValueError):
-        raise _no_numbers(name, value) from None
+    is_masked = isinstance(array, np.ma.MaskedArray)
+    return np.ma.filled(array.astype(np.float64), np.nan) if is_masked else array
 
 
 def _dates(name: str, value: Any) -> ArrayColumn | None:
@@ -297,14 +273,10 @@ def _dates(name: str, value: Any) -> ArrayColumn | None:
     dates = np.asarray(value, dtype=None if isinstance(value, np.ndarray) else nanoseconds)
     if np.datetime_data(dates.dtype)[0] not in DATE_UNITS:
         dates = dates.astype(nanoseconds)
-
-    def rows(start: int, end: int) -> Floats:
-        some = dates[start:end]
-        return np.where(np.isnat(some), np.nan, some.astype(np.int64).astype(np.float64))
-
     # a type of time has its unit, which a name need not have
     named = plain(name) if names_time(name) else "time"
-    return ArrayColumn(f"{named} [{np.datetime_data(dates.dtype)[0]}]", len(dates), rows)
+    numbers = np.where(np.isnat(dates), np.nan, dates.astype(np.int64).astype(np.float64))
+    return ArrayColumn(f"{named} [{np.datetime_data(dates.dtype)[0]}]", numbers)
 
 
 def _no_numbers(name: str, array: Any) -> RecordingError:

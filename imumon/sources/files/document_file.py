@@ -33,21 +33,12 @@ OCTAVE = b"# Created by Octave"
 
 def json_arrays(path: str) -> dict[str, Any]:
     """Return the arrays and numbers in a file that is one object of JSON; none: it is no such file."""
+    if os.path.getsize(path) > MOST_DOCUMENT:
+        return {}
     with open(path, "rb") as file:
-        if file.read(1) not in (b"{", b"[") or os.path.getsize(path) > MOST_DOCUMENT:
-            return {}
-        file.seek(0)
-        line = file.readline(LONGEST_LINE)
-        try:
-            # an object that ends in its line, and others behind it, is a record
-            if line.endswith(b"\n") and isinstance(json.loads(line), dict) and file.read(1):
-                return {}
-        except (ValueError, RecursionError):
-            pass
-        file.seek(0)
         try:
             arrays = named_arrays(json.load(file))
-        except (ValueError, RecursionError):
+        except (ValueError, RecursionError):  # behind the object of a record is another one
             return {}
     return arrays if any(len(array) > 1 for array in arrays.values()) else {}
 

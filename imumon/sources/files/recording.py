@@ -13,7 +13,8 @@ from imumon.files import open_regular
 from imumon.model.cures import option
 from imumon.model.samples import Gap, SampleBlock
 from imumon.sources.device import DeviceError, sample_blocks
-from imumon.sources.files.array_file import array_file, array_kind
+from imumon.sources.files.array_file import read_arrays
+from imumon.sources.files.array_table import ArrayTable
 from imumon.sources.files.base import (
     HEAD_BYTES,
     OptionNotApplicable,
@@ -137,9 +138,10 @@ def open_recording(path: str, options: ReadOptions) -> Recording:
         _refuse(path, options, "where")
         return LogFile(path, kind, options)
     _refuse(path, options, "definitions")
-    if (form := array_kind(path, head)) is not None:
+    if (arrays := read_arrays(path, head)) is not None:
         _refuse(path, options, "topic", "where")
-        return array_file(path, form, options)
+        form, by_name = arrays
+        return ArrayTable(by_name, options, path, form)
     capture = RawCapture(path)
     _refuse(path, options, "topic")
     if capture.header is None:
