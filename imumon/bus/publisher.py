@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import atexit
 import threading
-from collections import deque
+from collections import defaultdict, deque
 from collections.abc import Callable
 from concurrent.futures import Future, wait
 from functools import partial
@@ -22,14 +22,33 @@ from imumon.bus.queryable import MAX_QUEUED, LastValues, Signals
 from imumon.bus.uplink import Links, Uplink, open_local
 from imumon.bus.zenoh_session import RETRY_S, check_endpoint, clean_id, open_session
 from imumon.config import ZenohSettings
-from imumon.model.report import Channel, Event, Report
-from imumon.model.report_json import members, to_json
+from imumon.model.report import Event, Report
+from imumon.model.report_json import JsonWriter, joined, members, to_json
 
 CURVES = ("allan", "histogram", "spectrum", "convergence")
 """Fields of a channel that only the report contains; the key of the channel leaves them out."""
 
 _FIRST_ATTEMPT_S = 3.0  # s; limits the delay of the start by a router that drops packets
 _CLOSE_S = 0.7  # s; limits the delay of the exit by a congested link
+
+
+class ReportDocuments:
+    """The JSON of each key of a report, of which is encoded again what has changed since the last one."""
+
+    def __init__(self) -> None:
+        self._writers: defaultdict[str, JsonWriter] = defaultdict(JsonWriter)  # by channel; "": of the rest
+
+    def of(self, report: Report) -> dict[str, str]:
+        """Return the documents of a report by the names of their keys."""
+        rest = self._writers[""].texts({k: part for k, part in members(report).items() if k != "channels"})
+        whole: list[str] = []
+        documents: dict[str, str] = {}
+        for name, channel in report.channels.items():
+            texts = self._writers[name].texts(channel)
+            whole.append(f"{to_json(name)}:{joined(texts.values())}")
+            documents[name] = joined([text for key, text in texts.items() if key not in CURVES])
+        channels = f'"channels":{joined(whole)}'
+        return {"report": joined([*rest.values(), channels]), **documents, "grade": to_json(report.grade)}
 
 
 class Publisher:
@@ -61,7 +80,7 @@ class Publisher:
         self._events: deque[Event] = deque(maxlen=MAX_QUEUED)
         self._last_error: str | None = None
         self._last_grade: str | None = None  # of the thread, as is the next
-        self._curves: dict[str, tuple[tuple[object, ...], str]] = {}  # of each channel, and their JSON
+        self._documents = ReportDocuments()
         self._closing = threading.Event()
         self._reported_uplinks: dict[str, str | None] = {}
         self._reported_error: str | None = None
@@ -184,29 +203,14 @@ class Publisher:
         self._put("event", to_json(event))
 
     def _send_report(self, report: Report, signals: Signals) -> None:
-        texts = {name: self._channel_texts(name, channel) for name, channel in report.channels.items()}
-        whole = ",".join(
-            f"{to_json(name)}:{numbers[:-1]},{curves[1:]}" for name, (numbers, curves) in texts.items()
-        )
-        bare = to_json({key: part for key, part in members(report).items() if key != "channels"})
+        texts = self._documents.of(report)
+        grade = texts.pop("grade")
         self._last_values.set_signals(signals)
-        self._put("report", f'{bare[:-1]},"channels":{{{whole}}}}}')
-        for name, (numbers, _) in texts.items():
-            self._put(name, numbers)
-        grade = to_json(report.grade)
+        for name, text in texts.items():
+            self._put(name, text)
         if grade != self._last_grade:
             self._put("grade", grade)
             self._last_grade = grade
-
-    def _channel_texts(self, name: str, channel: Channel) -> tuple[str, str]:
-        """Return the JSON of a channel without its curves, and theirs, which stay the same for many reports."""
-        shown = tuple(getattr(channel, key) for key in CURVES)
-        known, curves = self._curves.get(name, ((), ""))
-        if not known or any(old is not new for old, new in zip(known, shown, strict=True)):
-            curves = to_json(dict(zip(CURVES, shown, strict=True)))
-            self._curves[name] = shown, curves
-        numbers = {key: part for key, part in members(channel).items() if key not in CURVES}
-        return to_json(numbers), curves
 
     def _put(self, name: str, text: str) -> None:
         self._links.put(name, text, self._timestamp())

@@ -18,6 +18,7 @@ from typing import Any
 
 import psutil
 import pytest
+import reports
 import zenoh
 import zenoh_sessions
 from bus_actors import CHANNELS, Actor, event, report, stage
@@ -27,7 +28,7 @@ from hypothesis import strategies as st
 from waiting import until
 
 from imumon.bus import BusError, Publisher, Subscriber, clean_id, zenoh_session
-from imumon.bus.publisher import CURVES
+from imumon.bus.publisher import CURVES, ReportDocuments
 from imumon.bus.queryable import MAX_QUEUED
 from imumon.bus.zenoh_session import check_endpoint, is_local
 from imumon.config import ZenohSettings
@@ -81,6 +82,18 @@ def test_every_published_key_answers_a_get(endpoint: str) -> None:
             f"imumon/a/{name}"
             for name in (*CHANNELS, "temperature", "report", "grade", "event", "signal/gyro/x")
         }
+
+
+def test_documents_are_those_of_their_report_whatever_was_sent_before() -> None:
+    documents, young, old = ReportDocuments(), reports.report(200.0), reports.report()
+    later = replace(
+        old, session=replace(old.session, samples=7), channels=dict(list(old.channels.items())[1:])
+    )
+    for sent in (young, old, old, later, young):
+        texts = documents.of(sent)
+        assert from_json(Report, texts["report"]) == sent
+        assert texts == ReportDocuments().of(sent)
+        assert json.loads(texts["report"]) == json.loads(to_json(sent))
 
 
 def test_a_wildcard_subscriber_gets_exactly_the_documented_keys(endpoint: str) -> None:
