@@ -1,9 +1,8 @@
 """Fits of a record, with its spectra and shapes: recomputed when the record has grown enough to show.
 
 They cost many times what the samples of a second cost and hardly change in a second. A report therefore
-reuses the last ones until the record has grown by a tenth, or by a minute,
-whichever comes first. Curve and fit always belong to the same moment. Counts, means and everything else that
-is cheap belong to the moment of the report.
+reuses the last ones until the record has grown by a tenth. The curve, and what is stated of it, is that of the last
+minute at most. Counts, means and everything else that is cheap belong to the moment of the report.
 
 A coefficient of a fit is a bound if the likelihood does not show it, if a term beside it explains the same, or if the
 model leaves the curve (`noise.fit.statement`, `noise.fit.curve_statement`). The record then makes K a bound, in this
@@ -50,7 +49,8 @@ from imumon.record.convergence import StatementLog
 from imumon.record.counts import Counts
 
 GROWTH = 0.1
-"""Growth of a record, as a share, after which it is analysed again: each result changes visibly."""
+"""Growth of a record, as a share, after which it is fitted again: limits shrink by 5 % meanwhile. More often, a daemon
+spends its time on fits that change nothing (`daemon_cost.py`)."""
 SCATTER_GROWTH = 1.5
 """Growth of the record, as a factor, after which its quarters and halves are fitted again."""
 HALVES = "the halves of the record contradict each other"
@@ -64,7 +64,7 @@ of a daemon that has a second to end."""
 
 
 def pause_s(elapsed_s: float) -> float:
-    """Return the growth, s, after which a record of this length is analysed again.
+    """Return the growth, s, after which the curve of a record of this length is computed again.
 
     >>> pause_s(10.0), pause_s(100.0), pause_s(86400.0)
     (1.0, 10.0, 60.0)
@@ -113,7 +113,7 @@ class Fits:
         self._compared: set[int] = set()  # columns whose halves have been compared since they were due
         self.warming_up = self.heats_up = False
         self.convergence = StatementLog(sum(sensor in WITH_CURVE for sensor in stream.sensors))
-        self._due_s = 0.0
+        self._due_s = self._fit_due_s = 0.0  # length at which the curve is computed again, and the fit
         self._analysed = (-1, -1, 0.0, False)  # length, samples past the guard, warm-up, and `force`
         self.fits: dict[ChannelName, ChannelFit] = {}
         self.robust: dict[ChannelName, RobustDeviation | None] = {}
@@ -134,7 +134,7 @@ class Fits:
         if early or current == self._analysed:
             return
         if counts.warmup_s != self._analysed[2]:
-            self._slow_due_s = self._halves_due_s = 0.0
+            self._fit_due_s = self._slow_due_s = self._halves_due_s = 0.0
         self._analysed, self._due_s = current, elapsed_s + pause_s(elapsed_s)
         curve, kurtosis, fits = self._fit(sums, counts, force=force)
         self.robust = dict(
@@ -152,6 +152,7 @@ class Fits:
 
     def note_convergence(self, sums: Sums, counts: Counts) -> None:
         """Note what the record states at its present length, without the results that only a report needs."""
+        self._fit_due_s = 0.0
         self._fit(sums, counts, force=False)
 
     def _fit(
@@ -171,7 +172,10 @@ class Fits:
         self, sums: Sums, counts: Counts, curve: AllanCurve, kurtosis: list[float], *, force: bool
     ) -> Sequence[ChannelFit]:
         """Return the fits, as far as the state of the record lets them count; decide whether it warms up."""
-        fits = self._estimator.fit(curve, renew=force or None, resolution=self.resolution, kurtosis=kurtosis)
+        renew: bool | None = force or (None if counts.elapsed_s >= self._fit_due_s else False)
+        if renew is not False:
+            self._fit_due_s = counts.elapsed_s + GROWTH * counts.elapsed_s
+        fits = self._estimator.fit(curve, renew=renew, resolution=self.resolution, kurtosis=kurtosis)
         fits = _judged_as_a_record(fits)
         excluded = (counts.excluded_variance() * counts.interval_s).tolist()
         fits = tuple(_with_tails(fit, power) for fit, power in zip(fits, excluded, strict=False))

@@ -2,7 +2,7 @@
 
 N, B and K belong to the period alone. Counters are read when a period ends, while the guard still holds some samples
 back; so they may belong to samples of some seconds later, but their sums are those of the record. What is in progress
-is fitted again every minute, as the record is.
+is shown as it was a minute ago at most, with the fits of when it was a tenth shorter.
 """
 
 from __future__ import annotations
@@ -14,11 +14,11 @@ from typing import Any
 from imumon.model.coefficients import BIAS_SLOPE, Estimate, by_letter
 from imumon.model.history_report import HistoryPeriod, PeriodChannel
 from imumon.model.samples import ChannelName
-from imumon.noise.fit import Estimator
+from imumon.noise.fit import ChannelFit, Estimator
 from imumon.noise.stretches import Sums
 from imumon.noise.stretches.stretches import LENGTHS_S, Stretch
 from imumon.record.counts import Counts
-from imumon.record.fits import LONGEST_PAUSE_S, Fits
+from imumon.record.fits import GROWTH, LONGEST_PAUSE_S, Fits
 
 
 class Periods:
@@ -50,6 +50,8 @@ class Periods:
         }
         self.counted = counted or {step: _totals(counts) for step in LENGTHS_S}
         self._current: dict[int, HistoryPeriod] = {}
+        # of the stretch of each length that was fitted last: its start and length, samples, and the fits
+        self._fitted: dict[int, tuple[int, int, tuple[ChannelFit, ...]]] = {}
         self._due_s = 0.0
 
     def update(self, stretches: Iterable[Stretch], counts: Counts) -> list[HistoryPeriod]:
@@ -108,12 +110,24 @@ class Periods:
             temperature=None if heat is None else moments[heat].mean,
             warming_up=fits.warming_up,
             grades={sensor: grade.meets for sensor, grade in fits.grades.items()},
-            channels=self._channels(stretch, moments),
+            channels=self._channels(stretch, moments, self._fits_of(stretch, complete=complete)),
         )
 
-    def _channels(self, stretch: Stretch, moments: Sequence[Any]) -> dict[ChannelName, PeriodChannel]:
-        estimator, length = self._estimators[stretch.length_s], stretch.end - stretch.start
-        fits = estimator.fit_sums(stretch.sums, length, self._fits.resolution)
+    def _fits_of(self, stretch: Stretch, *, complete: bool) -> tuple[ChannelFit, ...]:
+        """Return the fits of a stretch, of one in progress those of when it was a tenth shorter at most."""
+        length = stretch.end - stretch.start
+        if not complete and (known := self._fitted.get(stretch.length_s)) is not None:
+            start, earlier, fits = known
+            if start == stretch.start and length < (1.0 + GROWTH) * earlier:
+                return fits
+        fits = self._estimators[stretch.length_s].fit_sums(stretch.sums, length, self._fits.resolution)
+        self._fitted[stretch.length_s] = stretch.start, length, fits
+        return fits
+
+    def _channels(
+        self, stretch: Stretch, moments: Sequence[Any], fits: Sequence[ChannelFit]
+    ) -> dict[ChannelName, PeriodChannel]:
+        estimator = self._estimators[stretch.length_s]
         heat = None if self._sums.temperature is None else moments[self._sums.temperature]
         extremes = None if heat is None or heat.min is None else (heat.min, heat.max)
         is_day = stretch.length_s == LENGTHS_S[-1]  # a shorter period seldom spans enough temperature
