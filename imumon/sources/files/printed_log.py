@@ -206,7 +206,7 @@ def _are_mostly_values(cells: Sequence[str], separator: str | None, decimal: boo
 
 def _has_labelled_number(cell: str) -> bool:
     """Return whether a cell has a name before its number, or several numbers."""
-    numbers = sum(match["number"] is not None for match in TOKEN.finditer(cell))
+    numbers = sum(match["void"] is None for match in TOKEN.finditer(cell))
     if re.fullmatch(r"\d{1,4}([-/.])\d{1,2}\1\d{1,4}", cell):  # a day
         return False
     return numbers > 1 or (numbers == 1 and re.search(r"[A-Za-z\"'][:= ]\s*[\[({]?[-+.\d]", cell) is not None)
@@ -476,8 +476,8 @@ def _template_table(
     pattern = _pattern(record, {})
     matches = re.compile(pattern, re.MULTILINE).findall("\n".join([*lines[begin:], tail]))
     texts = [(match,) if isinstance(match, str) else match for match in matches]
-    if not any(names):
-        names, units = _list_header(lines[:begin], lines[begin], names, units)
+    if set(names) <= {"", "time"}:
+        names = _list_header(lines[:begin], lines[begin], names)
     above = lines[max(0, begin - 30) : begin]
     describing = record[0].literals[0] if len(places) > 1 else " ".join(above)
     table = PrintedTable(
@@ -536,14 +536,18 @@ def _pattern(record: Sequence[PrintedLine], codes: Mapping[int, str]) -> str:
     return "".join(parts)
 
 
-def _list_header(
-    above: Sequence[str], line: str, names: tuple[str, ...], units: tuple[str, ...]
-) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Return the names of numbers that are in lists in quotes, by a header with a cell for each list."""
-    for separator in (",", ";", "\t"):
-        counts = [sum(1 for _ in TOKEN.finditer(_CODE.sub("\1", cell))) for cell in split(line, separator)]
-        for header in (split(text.lstrip("#% "), separator) for text in reversed(above)):
-            if 1 < len(header) == len(counts) and are_names(header) and sum(counts) == len(names):
-                repeated = [name for name, n in zip(header, counts, strict=True) for _ in range(n)]
-                return tuple(elements(repeated)), units
-    return names, units
+def _list_header(above: Sequence[str], line: str, names: tuple[str, ...]) -> tuple[str, ...]:
+    """Return the names of numbers by a header with a cell for each: they are in lists in quotes, or behind a date."""
+    for separator in (",", ";", "\t", None):
+        cells = [TOKEN.finditer(_CODE.sub("\1", cell)) for cell in split(line, separator)]
+        counts = [sum(match["stamp"] is None for match in of_cell) for of_cell in cells]
+        for text in reversed(above):
+            header = [
+                re.sub(r"^\W+", "", TOKEN.sub("", cell)) for cell in split(text.lstrip("#% "), separator)
+            ]
+            if 1 < len(header) == len(counts) and are_names(header) and sum(counts) == names.count(""):
+                named = iter(
+                    elements([name for name, n in zip(header, counts, strict=True) for _ in range(n)])
+                )
+                return tuple(name or next(named) for name in names)
+    return names

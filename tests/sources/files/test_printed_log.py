@@ -178,6 +178,17 @@ def test_bars_may_be_around_the_cells() -> None:
     assert tables(text)[0].names == ("", *NAMES, "")
 
 
+@pytest.mark.parametrize("separator", [",", "\t", " "])
+def test_a_stamp_before_each_line_is_a_column_of_its_own(separator: str) -> None:
+    rows = [NAMES, *ROWS.tolist()]
+    text = "".join(
+        f"09:44:{0.01 * k:06.3f} -> {separator.join(map(str, row))}\n" for k, row in enumerate(rows)
+    )
+    table = tables(text)[0]
+    assert table.names == ("time", *NAMES)
+    assert table.rows[-300:, 1:] == pytest.approx(ROWS[-300:])
+
+
 def test_two_devices_in_turn_are_two_tables_whatever_their_numbers(tmp_path: Path) -> None:
     """Two sensors on one board differ by their noise alone."""
     form = "2024-03-19 09:44:{:05.2f}: IMU {{I : {}, GyrX : {}, GyrY : {}, GyrZ : {}}}\n"
