@@ -10,7 +10,6 @@ curve_table      the Allan deviation of a channel as arrays or a DataFrame
 document_report  a report with the days of the history in its limits, for a document
 replay           a recording as samples of a record; its options are `replay_options`
 replayed_record  the record of one recording, and its report
-read_ahead       one thread reads a recording while another one works on its samples
 """
 
 from importlib import import_module

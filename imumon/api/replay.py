@@ -7,10 +7,8 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from contextlib import closing
 from typing import TYPE_CHECKING
 
-from imumon.api.read_ahead import read_ahead
 from imumon.api.replay_options import ReplayOptions
 from imumon.api.replayed_record import ReplayedRecord
 from imumon.model import report
@@ -42,22 +40,20 @@ def replay(
     recording = options.open()
     run = ReplayedRecord(options, recording)
     begun, due = time.monotonic(), 0.0
-    with closing(read_ahead(recording)) as ahead:
-        for items, share, run.ledger in ahead:
-            for item in items:
-                if isinstance(item, SampleBlock):
-                    run.record.feed(item)
-                else:
-                    run.gap(item)
-            if progress is not None:
-                progress(share, run.elapsed_s)
-            if bus is not None and time.monotonic() >= due:
-                due = time.monotonic() + run.record.options.period_s
-                run.publish(bus, "running")
-            if options.pace is not None:
-                ahead_s = options.pace.to_host_s(run.elapsed_s) - (time.monotonic() - begun)
-                time.sleep(max(0.0, ahead_s))
-    run.ledger = None
+    for items in recording:
+        for item in items:
+            if isinstance(item, SampleBlock):
+                run.record.feed(item)
+            else:
+                run.gap(item)
+        if progress is not None:
+            progress(recording.progress, run.elapsed_s)
+        if bus is not None and time.monotonic() >= due:
+            due = time.monotonic() + run.record.options.period_s
+            run.publish(bus, "running")
+        if options.pace is not None:
+            ahead_s = options.pace.to_host_s(run.elapsed_s) - (time.monotonic() - begun)
+            time.sleep(max(0.0, ahead_s))
     final = run.final()
     for text in final.device.remarks:
         remark(f"{options.name}: {text}")

@@ -41,7 +41,6 @@ class ReplayedRecord:
     record : gets the samples.
     device : as the header of the recording describes it.
     started : date of the first sample by the header.
-    ledger : of the recording when the last samples were read; None: it is as the recording has it.
     earlier_ledger : of what a restored state had received before.
     """
 
@@ -67,7 +66,6 @@ class ReplayedRecord:
         )
         self.started = header.get("time")
         self._driver, self._filter = driver or _driver_of(recording), options.filter
-        self.ledger: Mapping[str, int] | None = None
         self.earlier_ledger: Mapping[str, int] = {}
         self._events: list[Event] = []  # not published yet
         self._record_events: list[Event] = []  # the first ones of the record
@@ -83,8 +81,7 @@ class ReplayedRecord:
 
     def left_out(self) -> dict[str, int]:
         """Return what was received and what became of all of it that is no sample of the record."""
-        read = self.recording.ledger if self.ledger is None else self.ledger
-        return merged(read, self.record.left_out(), self.earlier_ledger)
+        return merged(self.recording.ledger, self.record.left_out(), self.earlier_ledger)
 
     @property
     def elapsed_s(self) -> float:

@@ -42,7 +42,6 @@ terminal                                  of the screen: ends it when its termin
                                           gone
 those of prometheus_client                of `imumon metrics`: one for each connection, answers from the newest
                                           reports
-reading                                   of a replay: reads and decodes the file ahead
 two without a name                        begin and draw the progress bar
 
 Zenoh has threads of its own; none of them runs code of imumon. What a thread shares with others is a queue, or fields

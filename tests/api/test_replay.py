@@ -5,9 +5,7 @@ from __future__ import annotations
 import gzip
 import json
 import re
-import threading
 from collections.abc import Iterable, Iterator, Sequence
-from contextlib import closing
 from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
@@ -22,7 +20,6 @@ from free_ports import free_endpoint
 from paths import RECORDINGS, needs_recordings
 from waiting import until
 
-from imumon.api.read_ahead import read_ahead
 from imumon.api.replay import replay
 from imumon.api.replay_options import ReplayOptions
 from imumon.bus import Publisher, Subscriber
@@ -30,11 +27,11 @@ from imumon.config import ZenohSettings
 from imumon.documents.appendix import event_rows
 from imumon.model.report import DeviceDescription, Report, SessionCounters, from_json
 from imumon.model.report_json import to_json
-from imumon.model.samples import Gap, SampleBlock
+from imumon.model.samples import SampleBlock
 from imumon.noise.synthesis import NoiseStream
 from imumon.record import Record, RecordOptions
 from imumon.record.events import DetectedEvent
-from imumon.sources.files import ReadOptions, Recording, RecordingError, open_recording
+from imumon.sources.files import ReadOptions, open_recording
 from imumon.sources.vn100 import ascii as sentences
 from imumon.sources.vn100 import binary
 
@@ -311,42 +308,6 @@ def test_the_report_and_the_events_are_those_of_a_live_run(recording: Path) -> N
     assert [row[:2] for row in found] == [row[:2] for row in expected]
     for one, other in zip(found, expected, strict=True):
         assert one[2] == pytest.approx(other[2], abs=1.0 if one[0] == "loss" else 1e-6), one
-
-
-# ---------------------------------------------------------------- reading ahead
-
-
-class Counting(Recording):
-    """A recording of gaps, 1 s, 2 s ..., whose progress is their number; it may fail."""
-
-    def __init__(self, count: int, error: Exception | None = None) -> None:
-        self.count, self.error, self.progress = count, error, 0.0
-
-    def __iter__(self) -> Iterator[Sequence[SampleBlock | Gap]]:
-        for k in range(1, self.count + 1):
-            self.progress = float(k)
-            yield [Gap(float(k))]
-        if self.error is not None:
-            raise self.error
-
-
-def reading() -> bool:
-    return any(thread.name == "reading" for thread in threading.enumerate())
-
-
-def test_an_error_comes_behind_what_was_read_before() -> None:
-    ahead = read_ahead(Counting(7, RecordingError("torn", "the tape is torn")))
-    assert len([next(ahead) for _ in range(7)]) == 7
-    with pytest.raises(RecordingError, match="torn"):
-        next(ahead)
-
-
-def test_the_thread_has_ended_when_the_work_on_its_samples_fails() -> None:
-    """A thread inside a library in C++ when the interpreter ends aborts the process."""
-    with closing(read_ahead(Counting(1000))) as ahead:
-        next(ahead)
-        assert reading()
-    assert not reading()
 
 
 def test_a_file_without_a_sample_ends_with_3(tmp_path: Path) -> None:
