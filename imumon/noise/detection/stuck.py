@@ -183,20 +183,18 @@ class RepeatDetector:
 
     def _follow(self, i: int, same: Bools) -> Bools:
         """Return the stuck samples (n,) of group or channel i, of which `same` repeat; learn from the others."""
-        stuck, repeats = np.zeros(len(same), dtype=bool), int(np.count_nonzero(same))
-        if repeats:
-            # repeats in a row at each sample: its number less that of the last sample that changed
-            number = np.arange(1, len(same) + 1)
-            last_change = np.maximum.accumulate(np.where(same, 0, number))
-            run = number - last_change
-            run[last_change == 0] += self._run[i]  # the run began in an earlier block
-            self._run[i] = run[-1]
-            stuck = run >= self._stuck_after[i]
+        stuck, repeats = np.zeros(len(same), dtype=bool), np.flatnonzero(same)
+        if repeats.size:
+            begins = np.where(np.diff(repeats, prepend=-2) > 1, repeats, 0)
+            run = repeats - np.maximum.accumulate(begins) + 1  # repeats in a row at each of them
+            run[repeats < run] += self._run[i]  # the run began in an earlier block
+            self._run[i] = run[-1] if same[-1] else 0
+            stuck[repeats[run >= self._stuck_after[i]]] = True
         elif len(same):
             self._run[i] = 0
         excluded = int(np.count_nonzero(stuck))
         self._samples[i] += len(same) - excluded
-        self._repeats[i] += repeats - excluded
+        self._repeats[i] += repeats.size - excluded
         return stuck
 
 
