@@ -22,7 +22,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import ndtri
 
-from imumon.model.samples import Bools, Floats
+from imumon.model.samples import Bools, Floats, Ints
 from imumon.model.saved_state import restorable
 from imumon.noise.statistics.distribution_shape import LEARN_SAMPLES, MOMENT_ERRORS
 from imumon.noise.statistics.histogram import FEW_LEVELS
@@ -94,23 +94,33 @@ class DifferenceAccumulator:
         """Add samples (n, c), channel unit, of which those with `valid` (n, g) count; None: all."""
         if not len(values) or not len(self._groups):
             return
-        place = np.arange(self._index, self._index + len(values))
-        later = np.flatnonzero((place < DENSE) | (place % PERIOD < BURST))
+        rows = self._counted(len(values))
         self._index += len(values)
         ok = np.ones((len(values), self._last_valid.shape[1]), dtype=bool) if valid is None else valid
-        if (
-            later.size
-        ):  # each with the one before it; at the beginning and after a gap, the first one has none
-            x, present = np.concatenate((self._last, values)), np.concatenate((self._last_valid, ok))
-            later = later + len(self._last)
-            later = later[later > 0]
-            both = present[later] & present[later - 1]
-            for group in np.flatnonzero(both.any(axis=0)).tolist():
-                channels = np.flatnonzero(self._groups == group)
-                # only these: one that is not valid may be infinite, and the difference of two has no value
-                rows = later[both[:, group]]
-                self._add(channels, (x[np.ix_(rows, channels)] - x[np.ix_(rows - 1, channels)]).T)
+        if rows.size:
+            self._add_rows(values, ok, rows)
         self._last, self._last_valid = values[-1:].copy(), ok[-1:].copy()
+
+    def _counted(self, n: int) -> Ints:
+        """Return the rows of the next n samples whose difference from the one before counts."""
+        first, end = self._index, self._index + n
+        dense = np.arange(first, max(first, min(end, DENSE)))
+        bursts = np.arange(max(first, DENSE) // PERIOD, -(-end // PERIOD)) * PERIOD
+        later = (bursts[:, None] + np.arange(BURST)).ravel()
+        later = later[(later >= max(first, DENSE)) & (later < end)]
+        return np.concatenate((dense, later)) - first
+
+    def _add_rows(self, values: Floats, ok: Bools, rows: Ints) -> None:
+        """Add the differences of some rows of samples from the ones before them."""
+        now, before = values.T.take(rows, axis=1), values.T.take(rows - 1, axis=1)
+        both = ok[rows] & ok[rows - 1]
+        if rows[0] == 0:  # of the samples before; at the beginning and after a gap, there are none
+            before[:, :1] = self._last.T if len(self._last) else 0.0
+            both[0] = ok[0] & self._last_valid.any(axis=0)
+        for group in np.flatnonzero(both.any(axis=0)).tolist():
+            # only these: one that is not valid may be infinite, and the difference of two has no value
+            channels, some = np.flatnonzero(self._groups == group), np.flatnonzero(both[:, group])
+            self._add(channels, now[channels].take(some, axis=1) - before[channels].take(some, axis=1))
 
     def break_(self) -> None:
         """Note a gap: no difference spans it."""
