@@ -39,8 +39,10 @@ from typing import Literal
 import numpy as np
 
 from imumon.model.cures import option, option_text
+from imumon.model.ledger import ColumnUse, column_account
+from imumon.model.report import MOST_CHARACTERS
 from imumon.model.report_json import plain
-from imumon.model.samples import AXES, CHANNELS, INERTIAL, ChannelName, Kind, channel_names
+from imumon.model.samples import AXES, CHANNELS, INERTIAL, ChannelName, Kind
 from imumon.sources.files.base import OptionError, RecordingError
 from imumon.sources.files.column_names import NamedColumn, split_unit
 from imumon.sources.files.unit_grammar import DIMENSIONS, Unit, known_unit
@@ -69,10 +71,11 @@ Assumption = Literal["assumed_unit", "assumed_rate", "assumed_columns"]
 
 @dataclass(frozen=True, slots=True)
 class Column:
-    """A column that is used: its place and name in the table, and how its numbers become SI (times: ns)."""
+    """A column that is used: its place and name in the table, for what, and how its numbers become SI (times: ns)."""
 
     index: int
     name: str
+    use: ChannelName  # a channel, or ``t`` or ``dt``
     quantity: str
     factor: float = 1.0
     zero: float = 0.0
@@ -85,9 +88,7 @@ class ColumnLayout:
     Attributes
     ----------
     kind : of the stream.
-    channels, columns : the same number of each, in the order of the stream.
-    times : column of time; or two, whose sum is the time.
-    interval : length of each sample's own interval, for increments.
+    used : columns of the channels in the order of the stream, then those of the time and of the interval.
     remarks : what is assumed, and which sensors are not used.
     caveats : codes of what is assumed.
     gyro, accel : kind of the numbers of a sensor where it is not `kind`.
@@ -96,16 +97,54 @@ class ColumnLayout:
     """
 
     kind: Kind
-    channels: tuple[ChannelName, ...]
-    columns: tuple[Column, ...]
-    times: tuple[Column, ...] = ()
-    interval: Column | None = None
+    used: tuple[Column, ...]
     remarks: tuple[str, ...] = ()
     caveats: tuple[str, ...] = ()
     gyro: Kind | None = None
     accel: Kind | None = None
     rate_hz: float | None = None
     unused: Mapping[int, str] = field(default_factory=dict)
+
+    @property
+    def columns(self) -> tuple[Column, ...]:
+        """Columns of the channels."""
+        return tuple(column for column in self.used if column.use in CHANNELS)
+
+    @property
+    def channels(self) -> tuple[ChannelName, ...]:
+        """Channels of the stream."""
+        return tuple(column.use for column in self.columns)
+
+    @property
+    def times(self) -> tuple[Column, ...]:
+        """Column of time; or two, whose sum is the time."""
+        return tuple(column for column in self.used if column.use == "t")
+
+    @property
+    def interval(self) -> Column | None:
+        """Length of each sample's own interval, for increments."""
+        return next((column for column in self.used if column.use == "dt"), None)
+
+    def account(self, names: Sequence[str], unused: Mapping[int, str]) -> tuple[ColumnUse, ...]:
+        """Return what became of each column of a table that has a name.
+
+        Parameters
+        ----------
+        names : of all columns.
+        unused : why a column is not used, by its place.
+        """
+        words = {"t": "time", "dt": "interval"}
+        uses = {c.index: words.get(c.use, c.use) for c in self.used if c.index not in unused}
+        accounts = [
+            ColumnUse(
+                name=plain(name.strip())[:MOST_CHARACTERS],
+                use=uses.get(k),
+                reason=None if k in uses else unused.get(k),
+            )
+            for k, name in enumerate(names)
+            if name.strip()
+        ]
+        return column_account(accounts)
 
     @property
     def has_increments(self) -> bool:
@@ -281,16 +320,13 @@ class Reading:
     def layout(self, stream: Kind | None = None) -> ColumnLayout:
         """Return the columns that the rows are read by."""
         by_key = {use.key: use for use in self.uses}
-        channels = self._channels(by_key)
         kinds = {key: by_key[key].kind for key in INERTIAL if key in by_key}
         points = [kind for kind in kinds.values() if kind != "deltas"]
         assumed = [use for use in self.uses if not use.certain]
         rate = by_key.get("rate")
-        dt = by_key.get("dt")
+        keys = [key for key in (*dict.fromkeys(name.sensor for name in CHANNELS), "t", "dt") if key in by_key]
         return ColumnLayout(
-            _kind_of_stream(stream, points), channel_names(channels), tuple(channels.values()),
-            times=self._times(by_key.get("t")),
-            interval=self._interval(dt),
+            _kind_of_stream(stream, points), tuple(c for key in keys for c in self._columns_of(by_key[key])),
             remarks=(*(f"assumed: {use.reason}" for use in assumed), *self.remarks),
             caveats=tuple(dict.fromkeys(code for use in assumed for code in use.assumptions)),
             gyro="deltas" if points and kinds.get("gyro") == "deltas" else None,
@@ -299,35 +335,15 @@ class Reading:
             unused=self.unused,
         )  # fmt: skip
 
-    def _channels(self, uses: Mapping[str, Use]) -> dict[str, Column]:
-        """Return the columns of the sensors by channel, in the order of the stream."""
-        channels: dict[str, Column] = {}
-        for key in ("gyro", "accel", "mag", "temperature", "pressure"):
-            if (use := uses.get(key)) is None:
-                continue
-            for axis, index in zip(use.axes, use.columns, strict=True):
-                assert use.known is not None
-                channels[f"{key}/{axis}" if axis else key] = Column(
-                    index,
-                    plain(self.names[index]),
-                    use.known.quantity,
-                    use.known.factor * use.scale,
-                    use.known.zero,
-                )
-        return channels
-
-    def _interval(self, use: Use | None) -> Column | None:
-        if use is None or use.known is None:
-            return None
-        return Column(use.columns[0], plain(self.names[use.columns[0]]), "dt", use.known.factor * use.scale)
-
-    def _times(self, use: Use | None) -> tuple[Column, ...]:
-        if use is None or use.known is None:
-            return ()
-        factors = [factor * 1e9 for factor in factors_of(use)]
-        return tuple(
-            Column(k, plain(self.names[k]), "t", f) for k, f in zip(use.columns, factors, strict=True)
-        )
+    def _columns_of(self, use: Use) -> Iterator[Column]:
+        """Yield the columns of a use whose unit is known."""
+        if use.known is None:
+            return
+        in_ns = [factor * 1e9 for factor in factors_of(use)]
+        factors = in_ns if use.key == "t" else [use.known.factor * use.scale] * len(use.columns)
+        for index, axis, factor in zip(use.columns, use.axes, factors, strict=True):
+            name, channel = plain(self.names[index]), ChannelName(f"{use.key}/{axis}" if axis else use.key)
+            yield Column(index, name, channel, use.known.quantity, factor, use.known.zero)
 
 
 def factors_of(use: Use) -> list[float]:

@@ -133,8 +133,7 @@ class LogFile(Table):
             self.problem = f"{path} {received['problem']}"
         notes = self._notes(options, received["remarks"])
         table_layout = replace(table_layout, remarks=(*notes, *table_layout.remarks))
-        interval = [table_layout.interval] if table_layout.interval else []
-        self._columns = [*table_layout.columns, *table_layout.times, *interval]
+        self._columns = table_layout.used
         self._names = [self._topic.columns[column.index] for column in self._columns]
         source = RowSource(path, kind, title=f"{kind} {self._topic.name}")
         self.topic = self._topic.name if kind == "bag" else None

@@ -17,7 +17,7 @@ A time that falls further is a clock that restarts, and stays. Rows in no order 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from itertools import pairwise
 
@@ -25,10 +25,10 @@ import numpy as np
 
 from imumon.grid.interval import SINGLE_EXCESS
 from imumon.model.cures import option_text
-from imumon.model.samples import AXES, INERTIAL, Bools, Floats, Ints
+from imumon.model.samples import AXES, CHANNELS, INERTIAL, Bools, Floats, Ints
 from imumon.model.units import share_text
 from imumon.sources.files.base import RecordingError, RowSource
-from imumon.sources.files.columns import Column, ColumnLayout
+from imumon.sources.files.columns import ColumnLayout
 
 LARGEST = 1e10
 """Numbers beyond it, in the unit of the channel, are damage: raw counts of 32 bits are below, and a changed exponent of
@@ -88,18 +88,19 @@ class RowSelection:
     needed : places of the columns, of those that are used, that a sample cannot lack.
     held : sensors that repeat their values in rows that are no samples of them.
     unused : why a column is not used, by its place in the table.
-    others_counted : rows of other sensors that no reader has counted.
-    repeats_counted : the same of rows that repeat the row before.
+    columns : in the order of the rows.
+    left_out : rows that no reader has counted, by reason: of other sensors, or those that repeat the row before.
     caveats : what limits the meaning of the numbers, as in `Recording`.
     """
 
     def __init__(self, source: RowSource, table_layout: ColumnLayout) -> None:
         self.layout, self._source = table_layout, source
-        sensors = [name.sensor for name in table_layout.channels]
-        self._names = [sensor for sensor in INERTIAL if sensor in sensors]
-        self._axes = [[k for k, s in enumerate(sensors) if s == sensor] for sensor in self._names]
-        self._slow = [k for k, sensor in enumerate(sensors) if sensor in SLOW]
-        self._slow_numbers = np.full(len(self._slow), np.nan)  # the last ones
+        self.columns = table_layout.used
+        self._places: dict[str, list[int]] = {}  # of the columns, by what they are used for
+        for k, column in enumerate(self.columns):
+            self._places.setdefault(column.use.sensor, []).append(k)
+        self._names = [sensor for sensor in INERTIAL if sensor in self._places]
+        self._slow_numbers = {self._places[s][0]: np.nan for s in SLOW if s in self._places}  # the last ones
         self._rows, self._counts, self._both = 0, np.zeros(len(self._names), np.int64), 0
         self.started = self._mixed = self._doubled = self._unset = False
         self.needed: list[int] = []
@@ -109,20 +110,16 @@ class RowSelection:
             int
         ] = []  # columns, of those that are used, that repeat in rows that are no samples
         self._last: Floats | None = None  # their numbers in the last row
-        factors = [LARGEST / abs(column.factor) for column in table_layout.columns]
-        self._limits = np.array([*factors, *[LARGEST**2] * (len(self.columns) - len(factors))])
+        # a time has any number
+        self._limits = np.array(
+            [LARGEST / abs(c.factor) if c.use in CHANNELS else LARGEST**2 for c in self.columns]
+        )
         self._beyond = 0  # numbers that no sensor has
         self._fillers: dict[str, int] = {}
-        self._others = self._repeats = self.others_counted = self.repeats_counted = 0
+        self.left_out = {"other_sensor": 0, "repeated": 0}
         self.unused = dict(table_layout.unused)
         self._remarks = list(table_layout.remarks)
         self.caveats = list(table_layout.caveats)
-
-    @property
-    def columns(self) -> tuple[Column, ...]:
-        """Columns in the order of the rows: channels, times, interval."""
-        interval = self.layout.interval
-        return (*self.layout.columns, *self.layout.times, *([] if interval is None else [interval]))
 
     @property
     def remarks(self) -> list[str]:
@@ -135,11 +132,12 @@ class RowSelection:
             remarks.append(
                 f"{counted(count, 'has', 'have')} the same number on all axes of {sensor}: no samples of it"
             )
-        if self._others:
+        others, repeats = self.left_out.values()
+        if others:
             sensors = " or ".join(self._names)
-            remarks.append(f"{self._others:,} rows have no number of {sensors}: they are no samples of it")
-        if self._repeats:
-            repeat = counted(self._repeats, "repeats", "repeat")
+            remarks.append(f"{others:,} rows have no number of {sensors}: they are no samples of it")
+        if repeats:
+            repeat = counted(repeats, "repeats", "repeat")
             of = " and ".join(sorted(self.held))
             copies_text = f"{repeat} the row before with its stamp: each sample counts once"
             held_text = f"{repeat} the values of {of} of the row before: they are no samples of it"
@@ -163,11 +161,12 @@ class RowSelection:
             self._beyond += int(beyond.sum())
             rows[beyond] = np.nan
         self._mark_fillers(rows)
-        for j, k in enumerate(self._slow):
-            rows[:, k] = _filled(rows[:, k], self._slow_numbers[j])
-            self._slow_numbers[j] = rows[-1, k] if len(rows) else self._slow_numbers[j]
-        whole = np.stack([np.isfinite(rows[:, axes]).all(axis=1) for axes in self._axes])
-        has_sample = np.isfinite(rows[:, [k for axes in self._axes for k in axes]]).any(axis=1)
+        for k, before in self._slow_numbers.items():
+            rows[:, k] = _filled(rows[:, k], before)
+            self._slow_numbers[k] = rows[-1, k] if len(rows) else before
+        of_sensors = [np.isfinite(rows[:, self._places[name]]) for name in self._names]
+        whole = np.stack([finite.all(axis=1) for finite in of_sensors])
+        has_sample = np.concatenate(of_sensors, axis=1).any(axis=1)
         if not self.started and not has_sample.any():  # before the first sample there is nothing to decide by
             self._count_others(places)
             return rows[:0], places[:0]
@@ -193,7 +192,8 @@ class RowSelection:
 
         The axes of a coarse gyroscope are the same, too, and then often two of them.
         """
-        for name, columns in zip(self._names, self._axes, strict=True):
+        for name in self._names:
+            columns = self._places[name]
             if len(columns) < len(AXES) or (self.started and name not in self._fillers):
                 continue
             x, y, z = rows[:, columns].T
@@ -210,8 +210,7 @@ class RowSelection:
             rows[np.flatnonzero(filled)[:, None], columns] = np.nan
 
     def _count_others(self, places: Ints) -> None:
-        self._others += len(places)
-        self.others_counted += int((places > 0).sum())
+        self.left_out["other_sensor"] += int((places > 0).sum())
 
     def check(self) -> None:
         """Raise `RecordingError` if the sensors have different rows; an empty sensor has none."""
@@ -228,44 +227,31 @@ class RowSelection:
 
     def _decide(self, rows: Floats) -> None:
         """Decide which columns are used, and which rows repeat the row before, by the first rows of the sensors."""
-        layout, columns = self.layout, self.columns
-        sensors = [name.sensor for name in layout.channels] + [""] * (len(columns) - len(layout.channels))
-        filled = np.isfinite(rows).mean(axis=0)
-        empty = {name for name, axes in zip(self._names, self._axes, strict=True) if not filled[axes].all()}
+        shares = {of: float(np.isfinite(rows[:, k]).mean(axis=0).min()) for of, k in self._places.items()}
+        empty = {name for name in self._names if not shares[name]}
         if len(empty) == len(self._names):  # then no row is complete, which is another error
             empty = set()
         held = self._held_sensors(rows, empty)
         # the sensor that has a sample in each row is used
         slower = held if len(held) < len(self._names) - len(empty) else set()
-        reasons = dict(_unused(sensors, filled, empty, slower))
-        times = range(len(layout.columns), len(layout.columns) + len(layout.times))
-        if reasons.keys() & set(times):
-            reasons |= dict.fromkeys(times, "a column of the time lacks numbers")
-        self._leave_out(reasons)
-        used = self._used = [k for k in range(len(columns)) if k not in reasons]
+        self._leave_out(dict(_unused(shares, empty, slower)))
         self.held = held - slower
-        self.needed = [i for i, k in enumerate(used) if not sensors[k] or sensors[k] in INERTIAL]
-        of_held = [i for i, k in enumerate(used) if sensors[k] in self.held]
+        used = self.layout.used
+        self._used = [k for k, column in enumerate(self.columns) if column in used]
+        self.needed = [i for i, column in enumerate(used) if column.use.sensor not in ("mag", *SLOW)]
+        of_held = [i for i, column in enumerate(used) if column.use.sensor in self.held]
         self._compared = of_held or list(range(len(used) if self._doubled else 0))
         self.started = True
-        self._unset = len(self.layout.times) == 1 and self._has_unset_times(rows[:, times[0]])
+        self._unset = len(self.layout.times) == 1 and self._has_unset_times(rows[:, self._places["t"][0]])
 
-    def _leave_out(self, reasons: Mapping[int, str]) -> None:
-        """Leave columns out of the layout, by their places and why; note it."""
-        layout, columns, count = self.layout, self.columns, len(self.layout.columns)
-        self.unused |= {columns[k].index: reason for k, reason in reasons.items()}
+    def _leave_out(self, reasons: Mapping[str, str]) -> None:
+        """Leave columns out of the layout, by what they are used for, and why; note it."""
+        left_out = [column for column in self.columns if column.use.sensor in reasons]
+        self.unused |= {column.index: reasons[column.use.sensor] for column in left_out}
         for reason in dict.fromkeys(reasons.values()):
-            names = ", ".join(columns[k].name for k in reasons if reasons[k] == reason)
+            names = ", ".join(column.name for column in left_out if reasons[column.use.sensor] == reason)
             self._remarks.append(f"{names} not used: {reason}")
-        kept = [k for k in range(len(columns)) if k not in reasons]
-        channels, end_of_times = [k for k in kept if k < count], count + len(layout.times)
-        self.layout = replace(
-            layout,
-            channels=tuple(layout.channels[k] for k in channels),
-            columns=tuple(layout.columns[k] for k in channels),
-            times=tuple(columns[k] for k in kept if count <= k < end_of_times),
-            interval=layout.interval if any(k >= end_of_times for k in kept) else None,
-        )
+        self.layout = replace(self.layout, used=tuple(c for c in self.columns if c not in left_out))
 
     def _held_sensors(self, rows: Floats, empty: set[str]) -> set[str]:
         """Return the inertial sensors whose numbers are held in some rows, because rows come faster than samples.
@@ -277,13 +263,12 @@ class RowSelection:
         ------
         RecordingError : two sensors have other rates than the rows, and each another one.
         """
-        width = len(self.layout.columns)
-        times = rows[:, width : width + len(self.layout.times)]
+        times = rows[:, self._places.get("t", [])]
         moved = (times[1:] != times[:-1]).any(axis=1)
-        if not self.layout.times or not moved.any():
+        if not moved.any():
             return set()
         # a sensor that is stuck repeats its values with new stamps, too: its rows are no copies
-        is_stuck = copies(rows[:, :width])[moved].mean() >= 0.5
+        is_stuck = copies(rows[:, : len(self.layout.columns)])[moved].mean() >= 0.5
         self._doubled = not is_stuck and not moved.all() and copies(rows)[~moved].mean() >= COPIED
         rows = rows[np.append(True, moved)]
         held = dict(self._repeats_of_sensors(rows, empty))
@@ -301,7 +286,8 @@ class RowSelection:
 
     def _repeats_of_sensors(self, rows: Floats, empty: set[str]) -> Iterator[tuple[str, Bools]]:
         """Yield each inertial sensor whose numbers are held, with the rows that repeat them."""
-        for sensor, axes in zip(self._names, self._axes, strict=True):
+        for sensor in self._names:
+            axes = self._places[sensor]
             whole = rows[np.isfinite(rows[:, axes]).all(axis=1)][:, axes]
             if len(axes) == len(AXES) and sensor not in empty and len(whole) >= FEWEST_HELD:
                 repeats = copies(whole)
@@ -331,8 +317,7 @@ class RowSelection:
         before = np.full((1, values.shape[1]), np.inf) if self._last is None else self._last
         same = copies(np.concatenate([before, values])) & np.isfinite(rows[:, self.needed]).all(axis=1)
         self._last = values[-1:]
-        self._repeats += int(same.sum())
-        self.repeats_counted += int((places[same] > 0).sum())
+        self.left_out["repeated"] += int(same.sum())
         return rows[~same], places[~same]
 
     def note_alternating(self, rows: Floats) -> None:
@@ -353,19 +338,23 @@ def counted(count: int, one: str, many: str) -> str:
     return f"1 row {one}" if count == 1 else f"{count:,} rows {many}"
 
 
-def _unused(
-    sensors: Sequence[str], filled: Floats, empty: set[str], slower: set[str]
-) -> Iterator[tuple[int, str]]:
-    """Yield each column that is not used, by its place, and why; columns of the time have no sensor."""
-    for k, (sensor, share) in enumerate(zip(sensors, filled.tolist(), strict=True)):
-        if sensor in slower:
-            yield k, f"{sensor} is slower than the rows, and repeats its values"
-        elif sensor in empty:
-            yield k, f"an axis of {sensor} has no numbers"
-        elif sensor not in INERTIAL and not share:
-            yield k, "no row has a number in it"
-        elif sensor not in (*INERTIAL, *SLOW) and share <= FILLED:
-            yield k, f"{share_text(1.0 - share)} of the rows lack it"
+def _unused(shares: Mapping[str, float], empty: set[str], slower: set[str]) -> Iterator[tuple[str, str]]:
+    """Yield what is not used, and why.
+
+    Parameters
+    ----------
+    shares : share of the rows that have a number, by what it is used for; of several columns the least.
+    empty, slower : inertial sensors that are not used.
+    """
+    for use, share in shares.items():
+        if use in slower:
+            yield use, f"{use} is slower than the rows, and repeats its values"
+        elif use in empty:
+            yield use, f"an axis of {use} has no numbers"
+        elif use not in INERTIAL and not share:
+            yield use, "no row has a number in it"
+        elif use not in (*INERTIAL, *SLOW) and share <= FILLED:
+            yield use, f"{share_text(1.0 - share)} of the rows lack it"
 
 
 def _is_held(repeats: Bools, axis_share: float) -> bool:

@@ -35,9 +35,7 @@ from typing import Any
 
 import numpy as np
 
-from imumon.model.ledger import RECEIVED, ColumnUse, Ledger, column_account, merged
-from imumon.model.report import MOST_CHARACTERS
-from imumon.model.report_json import plain
+from imumon.model.ledger import RECEIVED, ColumnUse, Ledger, merged
 from imumon.model.samples import Floats, Ints, SampleBlock, Stream
 from imumon.sources.files.base import ReadOptions, Recording, RecordingError, RowSource
 from imumon.sources.files.columns import INCREMENTS, ColumnLayout
@@ -100,11 +98,7 @@ class RowDecoder:
         """What became of the rows that are no samples, by reason."""
         waiting = 0 if self._waiting is None else len(self._waiting)
         waiting += 0 if self._order is None else self._order.waiting
-        return self._ledger.counts(
-            pending=waiting,
-            other_sensor=self._selection.others_counted,
-            repeated=self._selection.repeats_counted,
-        )
+        return self._ledger.counts(pending=waiting, **self._selection.left_out)
 
     def feed(self, rows: Floats, places: Sequence[int] | Ints) -> list[SampleBlock]:
         """Return the samples that some rows complete; the last rows may wait for the next ones.
@@ -162,26 +156,10 @@ class RowDecoder:
 
     def uses(self, names: Sequence[str]) -> tuple[ColumnUse, ...]:
         """Return what became of each column of a table, by the names of all its columns."""
-        layout, unused = self._layout, dict(self._selection.unused)
-        uses: dict[int, str] = {
-            c.index: channel for channel, c in zip(layout.channels, layout.columns, strict=True)
-        }
-        for column in layout.times:
-            if self._clock is not None and self._clock.unused:
-                unused[column.index] = self._clock.unused
-            else:
-                uses[column.index] = "time"
-        uses |= {} if layout.interval is None else {layout.interval.index: "interval"}
-        accounts = [
-            ColumnUse(
-                name=plain(name.strip())[:MOST_CHARACTERS],
-                use=uses.get(k),
-                reason=None if k in uses else unused.get(k),
-            )
-            for k, name in enumerate(names)
-            if name.strip()
-        ]
-        return column_account(accounts)
+        unused = dict(self._selection.unused)
+        if self._clock is not None and self._clock.unused:
+            unused |= {column.index: self._clock.unused for column in self._layout.times}
+        return self._layout.account(names, unused)
 
     def _sorted_blocks(self, rows: Floats, places: Ints) -> Iterator[SampleBlock]:
         """Yield blocks of some rows in order, with the columns that are used."""
@@ -242,7 +220,7 @@ class RowDecoder:
         """Count rows that lack a number and note where the first is; not those that the reader has reported."""
         unreported = incomplete[places[incomplete] > 0]
         if len(unreported) and not self._lacking:
-            k, columns = unreported[0], self._selection.columns
+            k, columns = unreported[0], self._layout.used
             missing = [columns[i].name for i in self._selection.needed if not np.isfinite(rows[k, i])]
             self._first_lacking = f"{self._source.row} {places[k]}: {', '.join(missing)}"
         self._lacking += len(unreported)
@@ -254,7 +232,7 @@ class RowDecoder:
             raise self._no_complete_row()
         self._selection.check()
         if self._order is not None:
-            no_rows, nowhere = np.empty((0, len(self._selection.columns))), np.empty(0, np.int64)
+            no_rows, nowhere = np.empty((0, len(self._layout.used))), np.empty(0, np.int64)
             yield from self._sorted_blocks(*self._order.sort(no_rows, np.empty(0), nowhere, final=True))
         if self._stream is not None and self._times is not None:
             no_values, nothing = np.empty((0, len(self._layout.columns))), np.empty(0, np.int64)

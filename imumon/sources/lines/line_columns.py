@@ -150,12 +150,11 @@ def _check_unit(name: str, unit: str, sensor: str) -> None:
 def line_columns(reading: Reading, settings: Mapping[str, str]) -> LineColumns:
     """Return the columns that a reading of the first lines has."""
     layout = reading.layout()
-    channels, used = layout.channels, layout.columns
-    time = {column.index for column in layout.times}
-    by_index = {column.index: channel for channel, column in zip(channels, used, strict=True)}
-    source = ",".join(
-        plain(name) if k in by_index or k in time else "-" for k, name in enumerate(reading.names)
-    )[:MOST_CHARACTERS]
+    channels = layout.channels
+    used = {column.index for column in layout.used}
+    source = ",".join(plain(name) if k in used else "-" for k, name in enumerate(reading.names))[
+        :MOST_CHARACTERS
+    ]
     stream = Stream(
         layout.kind,
         channels,
@@ -165,16 +164,11 @@ def line_columns(reading: Reading, settings: Mapping[str, str]) -> LineColumns:
         layout.gyro,
         layout.accel,
     )
-    account = []
-    for k, name in enumerate(reading.names):
-        use = by_index.get(k, "time" if k in time else None)
-        ignored = "columns= ignores it" if name in ("-", "") else reading.unused.get(k)
-        account.append(
-            ColumnUse(name=plain(name)[:MOST_CHARACTERS], use=use, reason=None if use else ignored)
-        )
+    ignored = {k: "columns= ignores it" for k, name in enumerate(reading.names) if name == "-"}
+    account = layout.account(reading.names, {**reading.unused, **ignored})
     inertial = sum(channel.sensor in INERTIAL for channel in channels)
     return LineColumns(
-        len(reading.names), layout.times, used, stream, settings, inertial, tuple(account), layout.caveats
+        len(reading.names), layout.times, layout.columns, stream, settings, inertial, account, layout.caveats
     )
 
 
