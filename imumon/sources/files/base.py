@@ -6,10 +6,12 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Literal, TypeAlias
 
+from imumon.model.cures import option_text
 from imumon.model.errors import ImumonError
 from imumon.model.ledger import ColumnUse
 from imumon.model.report_json import plain
 from imumon.model.samples import Gap, Kind, SampleBlock
+from imumon.model.units import share_text
 
 HEAD_BYTES, HEAD_LINES = 1 << 14, 30
 """Bytes and lines at the start of a text that show its form: the header of a table must come within them."""
@@ -44,6 +46,18 @@ class RecordingError(ImumonError):
     def of(self, path: str) -> RecordingError:
         """Return the same error with the path of the recording in front of its message."""
         return RecordingError(self.code, f"{path}: {self.message}", self.cure)
+
+
+def different_rates(text: str) -> RecordingError:
+    """Return the error for two sensors in one table that have samples of their own."""
+    alone = f"read each alone, {option_text(sensor='gyro')} and {option_text(sensor='accel')}"
+    return RecordingError("different_rates", text, alone)
+
+
+def not_in_order(name: str, back: float) -> RecordingError:
+    """Return the error for rows in no order: of the steps of a time, a share goes back."""
+    text = f"its rows are not in the order of {name}: {share_text(back)} of the steps go back"
+    return RecordingError("rows_not_sorted", text, f"sort the rows by {name}")
 
 
 class OptionError(ImumonError):

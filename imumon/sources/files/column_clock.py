@@ -17,8 +17,8 @@ import numpy as np
 from imumon.grid.stamp_kinds import shows_rate, stamp_interval, typical_step
 from imumon.model.cures import option, option_text
 from imumon.model.samples import INERTIAL
-from imumon.model.units import DAY, share_text
-from imumon.sources.files.base import ReadOptions, RecordingError
+from imumon.model.units import DAY
+from imumon.sources.files.base import ReadOptions, RecordingError, different_rates, not_in_order
 from imumon.sources.files.column_names import COUNTER, FEWEST, TIME, NamedColumn, label_of, names_sensor
 from imumon.sources.files.columns import SINCE_1970_S, Use, factors_of, reference
 from imumon.sources.files.row_selection import WINDOW
@@ -176,9 +176,7 @@ class ColumnClock:
             return
         gyro, accel = of["gyro"], of["accel"]
         if abs(typical_step(gyro.present) / typical_step(accel.present) - 1.0) > STATED_SHARE:
-            text = f"gyro has the time {label_of(gyro)} and accel {label_of(accel)}"
-            alone = f"read each alone, {option_text(sensor='gyro')} and {option_text(sensor='accel')}"
-            raise RecordingError("different_rates", text, alone)
+            raise different_rates(f"gyro has the time {label_of(gyro)} and accel {label_of(accel)}")
 
 
 def interval_among(columns: Sequence[NamedColumn], step_s: float | None) -> Use | None:
@@ -278,5 +276,4 @@ def _check_order(free: Sequence[NamedColumn]) -> None:
         ):
             back = float((np.diff(there) < 0.0).mean())
             if 0.05 < back < 1.0:
-                text = f"its rows are not in the order of {label_of(column)}: {share_text(back)} of the steps go back"
-                raise RecordingError("rows_not_sorted", text, f"sort the rows by {label_of(column)}")
+                raise not_in_order(label_of(column), back)

@@ -19,7 +19,6 @@ import numpy as np
 from imumon.model.cures import option, option_text
 from imumon.model.report_json import plain
 from imumon.model.samples import AXES, INERTIAL, ChannelName, Floats, Kind
-from imumon.model.units import STANDARD_GRAVITY
 from imumon.sources.files.base import OptionError, ReadOptions, RecordingError
 from imumon.sources.files.column_clock import ColumnClock, interval_among, step_of
 from imumon.sources.files.column_names import (
@@ -46,12 +45,12 @@ from imumon.sources.files.columns import (
     INCREMENTS,
     KINDS,
     LISTED,
-    MOST_COLUMNS,
     SENSORS,
     Assumption,
     Reading,
     Use,
     check_meaning,
+    check_width,
     find,
     given_column,
     reference,
@@ -59,7 +58,6 @@ from imumon.sources.files.columns import (
 )
 from imumon.sources.files.sizes_at_rest import (
     FASTEST_RATE,
-    NEAR_ONE_G,
     NOISIEST,
     NOISIEST_DEG,
     STRONGEST,
@@ -106,9 +104,7 @@ def read_columns(
     ------
     RecordingError : no column is that of a sensor, a stated unit is not known, or a map names what is not there.
     """
-    if len(names) > MOST_COLUMNS:
-        text = f"it has {len(names):,} columns, more than {MOST_COLUMNS:,}"
-        raise RecordingError("too_many_columns", text, "write a table with those of the sensor only")
+    check_width(len(names))
     options = options or ReadOptions()
     check_meaning(options.units, options.samples)
     if (rate := (options.columns or {}).get("rate")) is not None:
@@ -258,24 +254,14 @@ class _ColumnReader:
             or (other and not DELTA.search(words))
         ):
             return None
-        for unit in ("m/s", "g*s") if DELTA.search(words) else ("m/s",):
-            known = known_unit(unit)
-            assert known is not None
-            if abs(triple.size * known.factor / self._step_s / STANDARD_GRAVITY - 1.0) < NEAR_ONE_G:
-                reason = (
-                    f"the length of {triple.label} over the interval is 1 g in {unit}: they are increments"
-                )
-                certain = DELTA.search(words) is not None
-                return _use(
-                    "accel",
-                    triple,
-                    unit,
-                    reason,
-                    certain=certain,
-                    assumptions=("assumed_columns",),
-                    kind="deltas",
-                )
-        return None
+        certain = DELTA.search(words) is not None
+        units = {"m/s^2": "m/s", "g": "g*s"} if certain else {"m/s^2": "m/s"}
+        unit = next((units[u] for u in units_of_gravity(triple.size / self._step_s) if u in units), None)
+        if unit is None:
+            return None
+        reason = f"the length of {triple.label} over the interval is 1 g in {unit}: they are increments"
+        of_columns: tuple[Assumption, ...] = ("assumed_columns",)
+        return _use("accel", triple, unit, reason, certain=certain, assumptions=of_columns, kind="deltas")
 
     def _stated(self, triple: Triple, quantity: str) -> Use | None:
         """Return a sensor whose unit is stated; None: it is an orientation, or a velocity over ground."""

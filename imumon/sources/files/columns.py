@@ -63,6 +63,14 @@ SENSORS = {"gyro": "gyro", "angle": "gyro", "accel": "accel", "velocity": "accel
 MOST_COLUMNS = 2000
 """Columns of the widest table: logs have some hundreds."""
 
+
+def check_width(count: int) -> None:
+    """Raise `RecordingError` if a table or a record has more columns than any sensor."""
+    if count > MOST_COLUMNS:
+        text = f"it has {count:,} columns, more than {MOST_COLUMNS:,}"
+        raise RecordingError("too_many_columns", text, "write a table with those of the sensor only")
+
+
 SINCE_1970_S = (1e9, 4.1e9)
 """s, times that count from 1970: the years 2001 to 2099."""
 

@@ -106,8 +106,6 @@ class _Labels:
     def _without_unit_behind(self, text: str) -> str:
         """Return a text without the unit of the number before it, which is stated."""
         behind = _unit_behind(text) if self.names else ""
-        if not behind:
-            return text
         end = text.find(behind) + len(behind)
         if text[:1].isspace() and not text[end:].strip() and not self.has_units_behind:
             return text  # the label of the number behind it
@@ -116,8 +114,6 @@ class _Labels:
 
     def state_unit_behind(self, unit: str) -> None:
         """Give the last numbers of a section, which have no unit yet, the one behind them; empty: none."""
-        if not unit:
-            return
         for j in range(len(self.names) - 1, -1, -1):
             if self.units[j] or self.sections[j] != self.sections[-1]:
                 break

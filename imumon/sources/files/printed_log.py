@@ -37,10 +37,9 @@ from typing import Any
 import numpy as np
 
 from imumon.model.samples import AXES, Floats
-from imumon.sources.files.base import RecordingError
 from imumon.sources.files.column_header import are_names, described_names, elements, header_of, listed_names
 from imumon.sources.files.column_names import names_sensor, words_of
-from imumon.sources.files.columns import MOST_COLUMNS
+from imumon.sources.files.columns import check_width
 from imumon.sources.files.date_reader import DateReader
 from imumon.sources.files.number_labels import AXIS, PrintedLine, Samples, number_labels
 from imumon.sources.files.sizes_at_rest import same_sensor
@@ -223,9 +222,7 @@ def _cell_tables(lines: Sequence[str], separator: str | None, decimal: bool) -> 
         # rows of another width are of another sensor if a word says so, else they are damaged
         if len(of) < (fewest if has_word else most):
             continue
-        if width > MOST_COLUMNS:
-            text = f"it has {width:,} columns, more than {MOST_COLUMNS:,}"
-            raise RecordingError("too_many_columns", text, "write a table with those of the sensor only")
+        check_width(width)
         first = _first_row(cells, of)
         texts = [cells[k] for k in of if k >= first]
         tables_of_rows += _by_code(
@@ -463,12 +460,7 @@ def _template_table(
     begin = places[0]
     record = parsed[begin : begin + period]
     names, units, samples = number_labels(record)
-    if len(names) > MOST_COLUMNS:
-        raise RecordingError(
-            "too_many_columns",
-            f"a record has more than {MOST_COLUMNS:,} numbers",
-            "write a table with those of the sensor only",
-        )
+    check_width(len(names))
     numbered = max(k for k, line in enumerate(record) if line.values)
     tail = "".join(f"{line.literals[0].strip()}\n" for line in record[numbered + 1 :])
     are_dates = [is_date for line in record for is_date in line.dates]

@@ -27,7 +27,7 @@ from imumon.grid.interval import SINGLE_EXCESS
 from imumon.model.cures import option_text
 from imumon.model.samples import AXES, CHANNELS, INERTIAL, Bools, Floats, Ints
 from imumon.model.units import share_text
-from imumon.sources.files.base import RecordingError, RowSource
+from imumon.sources.files.base import RowSource, different_rates, not_in_order
 from imumon.sources.files.columns import ColumnLayout
 
 LARGEST = 1e10
@@ -217,11 +217,8 @@ class RowSelection:
         counts = self._counts.tolist()
         if len(counts) == len(INERTIAL) and all(counts) and self._both <= COMPLETE * max(counts):
             text = f"gyro and accel have different rows: of {self._rows:,}, {counts[0]:,} have gyro, "
-            raise self._different_rates(f"{text}{counts[1]:,} have accel, {self._both:,} have both")
-
-    def _different_rates(self, text: str) -> RecordingError:
-        alone = f"read each alone, {option_text(sensor='gyro')} and {option_text(sensor='accel')}"
-        return RecordingError("different_rates", f"{self._source.name}: {text}", alone)
+            text += f"{counts[1]:,} have accel, {self._both:,} have both"
+            raise different_rates(text).of(self._source.name)
 
     # ------------------------------------------------------------ the first rows
 
@@ -276,9 +273,8 @@ class RowSelection:
         if len(held) == len(INERTIAL):
             one, other = held.values()
             if len(one) != len(other) or float((one != other).mean()) > HELD_SHARE:
-                raise self._different_rates(
-                    f"the rows repeat {' and '.join(shares)} of them: both have other rates"
-                )
+                text = f"the rows repeat {' and '.join(shares)} of them: both have other rates"
+                raise different_rates(text).of(self._source.name)
         elif held and len(self._names) - len(empty) > 1:
             text = f"the rows repeat {shares[0]} of them: it is slower than they are, and left out"
             self._remarks.append(f"{text}; {option_text(sensor=next(iter(held)))} reads it")
@@ -459,9 +455,7 @@ class RowOrder:
             back = float(np.mean(steps < 0.0))
             # a time that only falls is another error, which `table_clock` raises
             if back > UNSORTED and (steps > 0.0).any():
-                text = f"{self._path}: its rows are not in the order of {self._name}: "
-                text += f"{share_text(back)} of the steps go back"
-                raise RecordingError("rows_not_sorted", text, f"sort the rows by {self._name}")
+                raise not_in_order(self._name, back).of(self._path)
         # the last rows wait: a row after them may belong between them
         ready = len(rows) if final else max(0, len(rows) - WINDOW)
         self._waiting = rows[ready:], times[ready:], places[ready:]

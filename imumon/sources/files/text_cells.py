@@ -31,15 +31,20 @@ def split(line: str, separator: str | None) -> list[str]:
 _FORTRAN = re.compile(r"^([-+]?\d*\.\d*)[dD](?=[-+]\d+$)")
 """A number with the exponent that Fortran prints."""
 
+_CHECK = re.compile(r"\*.{2,}")
+"""Check behind a number: 12.3*4F."""
+
 
 def number_of(cell: str, *, decimal: bool = False) -> float | None:
     """Return the number in a cell; NaN where it says that there is none, None where it holds something else."""
     text = cell.replace(",", ".") if decimal else cell
-    text = text.partition("*")[0] if "*" in text[:-2] else text  # 12.3*4F: a number with a check
     try:
-        return float(_FORTRAN.sub(r"\1e", text))
+        return float(text)
     except ValueError:
-        return math.nan if text.lower() in MISSING else None
+        number = _FORTRAN.sub(r"\1e", _CHECK.sub("", text))
+    if number != text:
+        return number_of(number)
+    return math.nan if text.lower() in MISSING else None
 
 
 def is_date(cell: str) -> bool:
