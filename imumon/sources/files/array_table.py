@@ -138,14 +138,9 @@ def _columns_of_one_length(
     if columns and not lengths:
         raise RecordingError("no_rows", "it has no samples", "give arrays with samples")
     listed = ", ".join(f"{column.name} {column.length:,}" for column in columns[:LISTED])
-    cure = option_text(columns={"gyro": "COLUMN,COLUMN,COLUMN:UNIT"})
-    faults = [
-        RecordingError(
-            "no_sensor",
-            f"no array is that of a gyroscope or accelerometer; there are {listed or 'none'}",
-            cure,
-        )
-    ]
+    text = f"no array is that of a gyroscope or accelerometer; there are {listed or 'none'}"
+    cure = f"name them, {option_text(columns={'gyro': 'COLUMN,COLUMN,COLUMN:UNIT'})}"
+    faults = [RecordingError("no_sensor", text, cure)]
     for length, _ in lengths.most_common():
         some = [column for column in columns if column.length == length]
         rows = _rows(some[:MOST_COLUMNS], 0, min(length, HEAD_ROWS))
@@ -158,16 +153,11 @@ def _columns_of_one_length(
         others = [column.name for column in columns if column.length not in (length, 1)]
         remark = f"{', '.join(others[:LISTED])} not used: of another length"
         return some, replace(reading, remarks=(*reading.remarks, remark)) if others else reading
-    raise _most_specific(faults, listed, several=len(lengths) > 1)
-
-
-def _most_specific(faults: Sequence[RecordingError], listed: str, *, several: bool) -> RecordingError:
-    """Return the error that says most of why no length has a sensor; the first one says that there is none."""
-    if several and any(fault.code == "unknown_column" for fault in faults):
+    if len(lengths) > 1 and any(fault.code == "unknown_column" for fault in faults):
         text = f"its arrays have different lengths: {listed}"
-        return RecordingError("array_lengths", text, "save arrays of one length")
-    others = [fault for fault in faults if fault.code != "no_sensor"]
-    return others[-1] if others else RecordingError(faults[0].code, faults[0].message, faults[-1].cure)
+        raise RecordingError("array_lengths", text, "save arrays of one length")
+    # that which says most of why no length has a sensor
+    raise max(faults, key=lambda fault: fault.code != "no_sensor")
 
 
 def _stated_rate(columns: Sequence[ArrayColumn]) -> float | None:

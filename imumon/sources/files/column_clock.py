@@ -256,10 +256,9 @@ def _pair(free: Sequence[NamedColumn]) -> Use | None:
 
 def _part_of_second(column: NamedColumn) -> str:
     """Return the unit of a column of parts of a second, ns or us; empty: it has none."""
-    of_time = column.known is not None and column.known.quantity == "t"
-    for unit in ("ns", "us") if of_time and len(column.present) else ():
-        most = 1.0 / SINCE_UNITS[unit]
-        if column.known == known_unit(unit) and column.present.min() >= 0.0 < column.present.max() < most:
+    there = column.present
+    for unit in ("ns", "us") if len(there) else ():
+        if column.known == known_unit(unit) and there.min() >= 0.0 < there.max() < 1.0 / SINCE_UNITS[unit]:
             return unit
     return ""
 

@@ -233,35 +233,29 @@ class _ColumnReader:
 
     def _by_size(self, triple: Triple, key: str, *, delta: bool, named: bool) -> Use:
         """Return a sensor without a unit, in the one that its size shows or suggests."""
-        if delta and key == "gyro":
-            times = _times(math.radians(1.0))
-            reason = f"{triple.label} have the name of increments and no unit; in deg, N would be {times}"
-            return _use(key, triple, "rad", reason, kind="deltas")
         if delta:
-            reason = f"{triple.label} have the name of increments and no unit"
-            return _use(key, triple, "m/s", reason, kind="deltas")
+            unit, other = "m/s", ""
+            if key == "gyro":
+                unit, other = "rad", f"; in deg, N would be {_times(math.radians(1.0))}"
+            reason = f"{triple.label} have the name of increments and no unit{other}"
+            return _use(key, triple, unit, reason, kind="deltas")
         if key == "gyro":
             return _by_noise(triple, self._gravity, named=named)
         return _by_gravity(triple, named=named)
 
     def _increments_of_gravity(self, triple: Triple, words: str) -> Use | None:
         """Return increments of velocity whose length over the interval is 1 g; None: it is not."""
+        named = DELTA.search(words) is not None
         other = re.search(r"acc|mag|quat|pos", words) or ANGULAR.search(words)
-        if (
-            triple.unit
-            or not self._step_s
-            or len(triple.axes) < len(AXES)
-            or (other and not DELTA.search(words))
-        ):
+        if triple.unit or not self._step_s or len(triple.axes) < len(AXES) or (other and not named):
             return None
-        certain = DELTA.search(words) is not None
-        units = {"m/s^2": "m/s", "g": "g*s"} if certain else {"m/s^2": "m/s"}
+        units = {"m/s^2": "m/s", "g": "g*s"} if named else {"m/s^2": "m/s"}
         unit = next((units[u] for u in units_of_gravity(triple.size / self._step_s) if u in units), None)
         if unit is None:
             return None
         reason = f"the length of {triple.label} over the interval is 1 g in {unit}: they are increments"
         of_columns: tuple[Assumption, ...] = ("assumed_columns",)
-        return _use("accel", triple, unit, reason, certain=certain, assumptions=of_columns, kind="deltas")
+        return _use("accel", triple, unit, reason, certain=named, assumptions=of_columns, kind="deltas")
 
     def _stated(self, triple: Triple, quantity: str) -> Use | None:
         """Return a sensor whose unit is stated; None: it is an orientation, or a velocity over ground."""

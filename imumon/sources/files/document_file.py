@@ -27,6 +27,9 @@ MOST_DOCUMENT = 1 << 25
 MOST_PARTS = 64
 """Objects of a list that are parts with a name each; more of them are samples."""
 
+_WORD = re.compile("[A-Za-z]{3}")
+"""Letters of a name, which a date does not have."""
+
 OCTAVE = b"# Created by Octave"
 """First bytes of a text of Octave."""
 
@@ -66,12 +69,14 @@ def _arrays(path: str, value: Any, beside: Mapping[str, Any]) -> Iterator[tuple[
 
 
 def _named_parts(value: Any) -> Any:
-    """Return a short list of objects as an object: by the text, of three letters at least, that each has for itself."""
+    """Return a short list of objects as an object, by the name that each has for itself."""
     if not isinstance(value, list) or len(value) > MOST_PARTS or not all(isinstance(v, dict) for v in value):
         return value
     for key in value[0] if value else ():
-        texts = {part[key]: part for part in value if re.search("[A-Za-z]{3}", str(part.get(key)))}
-        if len(texts) == len(value) and all(isinstance(text, str) for text in texts):
+        texts = {
+            text: part for part in value if isinstance(text := part.get(key), str) and _WORD.search(text)
+        }
+        if len(texts) == len(value):
             return texts
     return value
 
