@@ -37,8 +37,9 @@ from imumon.sources.device_reader import (
 )
 from imumon.sources.registry import driver_of
 
-WAIT_S = 0.1
-"""s that the loop waits for the device before it looks at signals and duties."""
+WAIT_S = 0.25
+"""s that the loop waits for the device before it looks at signals. It wakes for data and reports anyway, and each time
+costs as much as a dozen samples."""
 HANG_S = 60.0
 """s without activity of the device's thread after which the watchdog is not answered any more: a device must not wait
 so long in one call. The service manager then restarts the daemon."""
@@ -84,6 +85,7 @@ class Daemon:
         self._notifier = ServiceNotifier()
         self._shutdown = Shutdown(options.duration_s, self._clock)
         self._report_timer = Timer(settings.report.period_s)
+        self._wait_s = WAIT_S  # until a report is due, if that is earlier
         self._watchdog_timer = Timer(self._notifier.watchdog_s or HANG_S)
 
     def run(self) -> RunResult:
@@ -101,7 +103,7 @@ class Daemon:
             try:
                 self._reader.start()
                 while not (self._shutdown.requested or self._reader.ended):
-                    self._handle(self._reader.get(WAIT_S))
+                    self._handle(self._reader.get(self._wait_s))
                     self._do_duties()
                 ended = self._reader.ended
                 final = self._finish()
@@ -303,8 +305,11 @@ class Daemon:
         hangs = now - self._reader.active_at > HANG_S
         if self._notifier.watchdog_s is not None and not hangs and self._watchdog_timer.is_due(now):
             self._notifier.watchdog()
-        if self._outputs.bus is not None and self._report_timer.is_due(now):
-            self._publish()
+        self._wait_s = WAIT_S
+        if self._outputs.bus is not None:
+            if self._report_timer.is_due(now):
+                self._publish()
+            self._wait_s = max(min(self._report_timer.next_s - now, WAIT_S), 0.0)
         self._keeper.save(now, self._connection.counters)
 
     def _publish(self) -> report.Report:

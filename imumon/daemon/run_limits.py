@@ -153,6 +153,10 @@ class Timer:
     ----------
     period_s : s between two times; the first is due at once.
 
+    Attributes
+    ----------
+    next_s : s, monotonic, from which it is due again.
+
     Examples
     --------
     >>> timer = Timer(1.0)
@@ -161,24 +165,24 @@ class Timer:
     """
 
     def __init__(self, period_s: float) -> None:
-        self._period_s, self._next = period_s, 0.0
+        self._period_s, self.next_s = period_s, 0.0
 
     def is_due(self, now: float) -> bool:
         """Return whether the duty is due at `now`, s, monotonic; if so, the next one is a period later."""
-        if now < self._next:
+        if now < self.next_s:
             return False
-        self._next += self._period_s
-        if self._next <= now:
+        self.next_s += self._period_s
+        if self.next_s <= now:
             self.restart(now)
         return True
 
     def restart(self, now: float) -> None:
         """Let the duty be due a period after `now`, s, monotonic."""
-        self._next = now + self._period_s
+        self.next_s = now + self._period_s
 
     def expire(self) -> None:
         """Let the duty be due at once."""
-        self._next = 0.0
+        self.next_s = 0.0
 
 
 def timeout_s(rate_hz: float | None) -> float:

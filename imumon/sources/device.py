@@ -29,7 +29,7 @@ RESTART_NS = 1_000_000_000
 """ns by which the clock of a restarted sensor goes back at least; less is a wrong order."""
 READ_S = 0.2
 """s that one `Device.read` may wait for data."""
-BATCH_S = 0.25
+BATCH_S = 0.5
 """s for which bytes or messages are collected: each batch has a fixed cost. A report is at most this much behind."""
 ARRIVAL_SAMPLES = 3.0
 """Samples by which a rate may differ from the host clock beside `READ_S` and `RATE_TOLERANCE`: it sees batches."""
