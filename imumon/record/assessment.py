@@ -7,7 +7,7 @@ an axis that never changes, a sensor that repeats its values, a record that is m
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, replace
+from dataclasses import fields, replace
 
 from imumon.model.grading import grade_sensor
 from imumon.model.messages import excluded_text
@@ -86,7 +86,7 @@ class Assessment:
             )
             channels[name] = replace(
                 channel,
-                **asdict(statistics),
+                **{part.name: getattr(statistics, part.name) for part in fields(statistics)},
                 distribution=report_builder.with_bias(distribution, name, means, fit, self._counts.elapsed_s),
                 # a sensor without grades keeps None: it has none, while this one has lost its grade
                 grade=ChannelGrade() if channel.grade is not None and self.no_grade else channel.grade,

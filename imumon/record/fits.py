@@ -26,7 +26,7 @@ import numpy as np
 
 from imumon.model.coefficients import LIMIT_95, NOISE, QUARTERS, Estimate, Excess, MarkovEstimate
 from imumon.model.grading import LIMITS, grade_sensor
-from imumon.model.report import UNGRADED_SHARE, Channel, SensorGrade
+from imumon.model.report import UNGRADED_SHARE, Channel, Report, SensorGrade
 from imumon.model.samples import UNITS, WITH_CURVE, ChannelName, Stream
 from imumon.model.units import counted, duration
 from imumon.noise.allan import AllanCurve
@@ -45,6 +45,7 @@ from imumon.noise.stretches.change import (
 from imumon.noise.stretches.quarters import excess
 from imumon.noise.stretches.warmup import still_settles
 from imumon.record import report_builder
+from imumon.record.combined_limits import with_combined
 from imumon.record.convergence import StatementLog
 from imumon.record.counts import Counts
 
@@ -87,7 +88,7 @@ class Fits:
     fits : by channel, of those with a curve.
     robust : by channel, of those with a curve, the robust companion of its shortest deviation.
     shapes : (c,) shape of the distribution of each channel; None without samples.
-    channels : by channel, the fields of a report that come from the fits.
+    channels : by channel, the fields of a report that come from the fits, with the combined limits.
     convergence : what was stated when the record was shorter.
     grades : headline of each graded sensor, from the fits alone.
     resolution : (c,) channel unit, quantisation steps of the channels with a curve; 0.0 without.
@@ -122,8 +123,13 @@ class Fits:
         self.grades: dict[str, SensorGrade] = {}
         self.resolution: list[float] | None = None
 
-    def update(self, sums: Sums, counts: Counts, renewal: Renewal) -> None:
-        """Recompute everything if it is due, or, with ``all``, if anything has changed."""
+    def update(self, sums: Sums, counts: Counts, renewal: Renewal, bare: Report) -> None:
+        """Recompute everything if it is due, or, with ``all``, if anything has changed.
+
+        Parameters
+        ----------
+        bare : report without channels, of the device.
+        """
         if renewal == "none" and self.channels:
             return
         force = renewal == "all"
@@ -146,9 +152,12 @@ class Fits:
         for name, fit in zip(self.stream.channels, fits, strict=False):
             graded.setdefault(name.sensor, {})[name.axis] = fit.coefficients
         self.grades = {sensor: grade_sensor(sensor, graded[sensor]) for sensor in LIMITS if sensor in graded}
-        self.channels = {
-            name: self._channel(sums, curve, column, name) for column, name in enumerate(self.stream.channels)
+        moments = sums.moments().channels
+        channels = {
+            name: self._channel(sums, curve, column, name, moments[column].std)
+            for column, name in enumerate(self.stream.channels)
         }
+        self.channels = with_combined(replace(bare, channels=channels))
 
     def note_convergence(self, sums: Sums, counts: Counts) -> None:
         """Note what the record states at its present length, without the results that only a report needs."""
@@ -229,12 +238,14 @@ class Fits:
             if compare("K", one.K, two.K, pairs=len(fits)) is not None:
                 self._contradictions[column] = max(one.K.high or 0.0, two.K.high or 0.0)
 
-    def _channel(self, sums: Sums, curve: AllanCurve, column: int, name: ChannelName) -> Channel:
+    def _channel(
+        self, sums: Sums, curve: AllanCurve, column: int, name: ChannelName, std: float | None
+    ) -> Channel:
         """Return the fields of a channel that come from the fits."""
         sensor, fit, shape = self.stream.sensors[column], self.fits.get(name), self.shapes[column]
         step = shape.step if shape is not None else None
         channel = Channel(
-            unit=UNITS[sensor], resolution=step or None, histogram=report_builder.histogram(shape)
+            unit=UNITS[sensor], std=std, resolution=step or None, histogram=report_builder.histogram(shape)
         )
         if fit is None:
             return channel

@@ -48,7 +48,6 @@ from imumon.noise.statistics.envelope import Envelope
 from imumon.noise.stretches import Sums
 from imumon.noise.validity_groups import ValidityGroups
 from imumon.record.assessment import Assessment
-from imumon.record.combined_limits import with_combined
 from imumon.record.convergence import StatementLog, next_due_s
 from imumon.record.counts import Counts
 from imumon.record.events import DetectedEvent, EventLog
@@ -581,10 +580,9 @@ class Record:
         if not self.begun:
             return bare
         counts, sums = self.counts(), self._shown_sums()
-        self.fits.update(sums, counts, renewal or ("due" if state == "running" else "all"))
+        self.fits.update(sums, counts, renewal or ("due" if state == "running" else "all"), bare)
         assessment = Assessment(self.fits, sums, counts, self._envelope.recent(), self.options.baseline)
-        channels = with_combined(replace(bare, channels=assessment.channels(device_caveats)))
-        # Grades come after the combined limits: they are certain only within these.
+        channels = assessment.channels(device_caveats)
         grades = assessment.sensor_grades(channels)
         self._log_results(assessment, channels, grades, counts)
         return replace(
