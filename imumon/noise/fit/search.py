@@ -236,7 +236,9 @@ class ModelSearch:
         self._step_power = self._slow.step_power(search.surface)
         if self._step_power:
             self._spectral.clear()
-        self._fits: dict[tuple[UpperEnd, float], tuple[Likelihood, Surface]] = {}  # by upper end and error
+        # by upper end and error
+        self._fits: dict[tuple[UpperEnd, float], tuple[Likelihood, Surface]] = {}
+        self._peaks: dict[tuple[UpperEnd, float], Peaks] = {}
 
     def may_have(self, name: str) -> bool:
         """Return whether a model without a hump may have a regressor of this name, before the model is searched."""
@@ -611,8 +613,12 @@ class ModelSearch:
         """Return the likeliest models with Gauss–Markov noise; None where its odds are below even."""
         if not self._tried_markov:
             return None
-        likelihood = self._observed(upper_end, error, self._tried_markov)
-        peaks = markov_search.peaks(likelihood, self._fit(upper_end, error)[1], self._tried_markov)
+        key = upper_end, error
+        if key not in self._peaks:
+            likelihood = self._observed(upper_end, error, self._tried_markov)
+            surface = self._fit(upper_end, error)[1]
+            self._peaks[key] = markov_search.peaks(likelihood, surface, self._tried_markov)
+        peaks = self._peaks[key]
         return peaks if markov_search.odds_of(peaks.gains) >= 1.0 else None
 
     def _instead(self, upper_end: UpperEnd, error: float, surface: Surface) -> dict[NoiseTerm, list[str]]:
