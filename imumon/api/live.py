@@ -117,7 +117,7 @@ class PushedTable(Table):
             read_columns(self._names, (), rows, self._stated)
         chosen = np.ascontiguousarray(rows[:, self._order])
         self.fed += chosen.nbytes
-        return self._since_origin(self._blocks(chosen, range(first, self._pushed + 1)))
+        return self._since_origin(self._blocks(chosen, np.arange(first, self._pushed + 1)))
 
     def skip(self, count: int) -> None:
         """Note `count` more missing rows, after a block of them was pushed."""

@@ -118,7 +118,7 @@ class ArrayTable(Table):
             done = start + len(rows)
             self.fed += rows.nbytes
             self.progress = done / count
-            yield self._blocks(rows, range(start + 1, done + 1))
+            yield self._blocks(rows, np.arange(start + 1, done + 1))
         yield self._finish()
 
     def no_samples(self) -> RecordingError:
@@ -126,8 +126,8 @@ class ArrayTable(Table):
 
 
 def _rows(columns: Sequence[ArrayColumn], start: int, end: int) -> Floats:
-    """Return some rows of some columns, (n, k)."""
-    return np.column_stack([np.asarray(column.rows(start, end), dtype=np.float64) for column in columns])
+    """Return some rows of some columns, (n, k), column by column in memory."""
+    return np.stack([np.asarray(column.rows(start, end), dtype=np.float64) for column in columns]).T
 
 
 def _columns_of_one_length(

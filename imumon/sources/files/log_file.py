@@ -311,12 +311,12 @@ class LogFile(Table):
             self._pipe.send_bytes(json.dumps({"topic": self._topic_index, "columns": self._names}).encode())
             while not (received := self._receive()).get("end"):
                 data = np.frombuffer(self._receive_bytes(), "<f8")
-                rows = data.reshape(-1, len(self._names)).astype(np.float64)
+                rows = data.reshape(-1, len(self._names)).astype(np.float64, order="F")
                 count = len(rows)
                 done += count
                 self.fed += received["bytes"]
                 self.progress = None if total is None else min(1.0, done / total)
-                yield self._blocks(rows, range(done - count + 1, done + 1))
+                yield self._blocks(rows, np.arange(done - count + 1, done + 1))
             if total is not None and done < total and self.problem is None:
                 self.problem = f"{self.path} is corrupt: {done:,} of its {total:,} messages can be read"
         except BrokenPipeError:

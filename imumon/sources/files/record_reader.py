@@ -100,7 +100,7 @@ class RecordReader:
         """What became of the lines that are no rows of numbers, by reason."""
         return self._ledger.counts(pending=self._rest_lines)
 
-    def read(self, block: bytes, first: int, *, last: bool) -> tuple[Floats, Sequence[int] | Ints]:
+    def read(self, block: bytes, first: int, *, last: bool) -> tuple[Floats, Ints]:
         """Return (n, k) numbers of the records in some lines, and (n,) the number of the line of each.
 
         A lost row is NaN, and its line 0. Too many of them raise a `RecordingError`. A record may be several rows.
@@ -113,12 +113,12 @@ class RecordReader:
         count = line_count(block)
         if self.problem:
             self._ledger.add("other_message", count)
-            return np.empty((0, len(self._columns))), []
+            return np.empty((0, len(self._columns))), np.empty(0, np.int64)
         regular = self._regular_cells(block)
         if regular is not None and len(regular) == count:
             self._begun = True
             rows: Floats = regular
-            places: Sequence[int] | Ints = range(first, first + count)
+            places: Ints = np.arange(first, first + count)
         else:
             rows, places = self._by_pattern(block, first, last=last)
         self._read += len(rows)
@@ -179,7 +179,7 @@ class RecordReader:
         columns = [rows.column(name).combine_chunks() for name in used]
         filled = (column.fill_null(math.nan) if column.null_count else column for column in columns)
         # to_numpy of pyarrow would import pandas, where that is installed, and take 0.3 s and 30 MB
-        return np.column_stack([*map(np.from_dlpack, filled)])
+        return np.stack([*map(np.from_dlpack, filled)]).T
 
     # ------------------------------------------------------------ any record
 

@@ -21,7 +21,7 @@ Example: a gyroscope of which one sample is missing.
 >>> rows[40, 1] = np.nan
 >>> layout = read_columns(names, (), rows).layout()
 >>> decoder = RowDecoder(RowSource("example", "npz", names), layout, rate_hz=None)
->>> blocks = [*decoder.feed(rows[:, decoder.columns], range(1, 101)), *decoder.finish()]
+>>> blocks = [*decoder.feed(rows[:, decoder.columns], np.arange(1, 101)), *decoder.finish()]
 >>> sum(len(block.values) for block in blocks), sum(int(block.lost.sum()) for block in blocks)
 (99, 1)
 >>> decoder.remarks[-1]
@@ -100,12 +100,13 @@ class RowDecoder:
         waiting += 0 if self._order is None else self._order.waiting
         return self._ledger.counts(pending=waiting, **self._selection.left_out)
 
-    def feed(self, rows: Floats, places: Sequence[int] | Ints) -> list[SampleBlock]:
+    def feed(self, rows: Floats, places: Ints) -> list[SampleBlock]:
         """Return the samples that some rows complete; the last rows may wait for the next ones.
 
         Parameters
         ----------
-        rows : (n, k) with `columns`; not finite is missing. May be changed.
+        rows : (n, k) with `columns`; not finite is missing. May be changed. Column by column in memory, they take less
+            time: all that follows works on columns.
         places : (n,) number of each row in its file, for messages; 0: the row has been reported.
 
         Raises
@@ -114,7 +115,7 @@ class RowDecoder:
             time and no rate.
         """
         self.fed += len(rows)
-        rows, numbers = self._selection.select(rows, np.asarray(places, dtype=np.int64))
+        rows, numbers = self._selection.select(rows, places)
         if self._selection.started and self._order is None and self._layout.times:
             self._order = RowOrder(self._source.name, self._layout.times[0].name)
         if self._order is not None:
@@ -293,7 +294,7 @@ class Table(Recording):
         )
         return self._rows.columns
 
-    def _blocks(self, rows: Floats, places: Sequence[int] | Ints) -> list[SampleBlock]:
+    def _blocks(self, rows: Floats, places: Ints) -> list[SampleBlock]:
         """Return the samples of some rows, as `RowDecoder.feed`."""
         return self._noted(self._rows.feed(rows, places))
 
