@@ -191,17 +191,20 @@ def rows_at(times_us: npt.NDArray[Any], other_us: npt.NDArray[Any]) -> npt.NDArr
     return np.where(near, nearest, -1) if same else None
 
 
-def add_matched(arrays: Arrays, other: Arrays, time: str, columns: Mapping[str, str]) -> bool:
-    """Add the samples of another series at the same times; return whether its times are the same.
+def add_matched(arrays: Arrays, other: Arrays, name: str, time: str, columns: Mapping[str, str]) -> str:
+    """Add the samples of another series, if they are at the same times; return what is left out.
 
     Parameters
     ----------
+    name : of the other series, for people.
     time : column of the times, us, in both.
     columns : name of a column in `arrays` to that in `other`. It has NaN where `other` has no row.
     """
+    if not {time, *columns.values()} <= set(other):
+        return ""
     rows = rows_at(arrays[time], other[time])
     if rows is None:
-        return False
-    for name, column in columns.items():
-        arrays[name] = np.where(rows >= 0, other[column].astype(np.float64)[rows], np.nan)
-    return True
+        return f"{name} not used: its samples are at other times; as the chosen topic it is read alone"
+    for added, column in columns.items():
+        arrays[added] = np.where(rows >= 0, other[column].astype(np.float64)[rows], np.nan)
+    return ""

@@ -164,10 +164,7 @@ class DataFlashLog(ArrayLog):
         alone = {"gyro/x", "accel/x"} & set(_map_of(arrays)) == {"gyro/x"}
         if not name.startswith("GYR") or other is None or time is None or not alone:
             return ""
-        matched = dict(zip(columns, columns, strict=True))
-        if {time, *columns} <= set(other) and add_matched(arrays, other, time, matched):
-            return ""
-        return f"{accel_name} not used: its samples are at other times; as the chosen topic it is read alone"
+        return add_matched(arrays, other, accel_name, time, dict(zip(columns, columns, strict=True)))
 
     def _add_temperature(self, number: int, arrays: Arrays) -> None:
         """Add the temperature that the `IMU` messages of a sensor have to its raw samples."""

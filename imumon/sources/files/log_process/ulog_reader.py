@@ -27,7 +27,6 @@ from imumon.sources.files.log_process.base import (
     best_first,
     degrees_at,
     described,
-    step_s,
 )
 
 HEADER_BYTES = 16
@@ -124,7 +123,11 @@ def _known_fields(
         known["temperature"] = "temperature:degC"
     if name == "sensor_accel" or accel is None:
         return known, None, ""
-    return known, None, _add_accelerometer(arrays, accel, time, known)
+    columns = {f"sensor_accel.{axis}": axis for axis in AXES}
+    note = add_matched(arrays, accel, "sensor_accel", time, columns)
+    if set(columns) <= set(arrays):
+        known |= {f"accel/{axis}": f"{column}:m/s2" for column, axis in columns.items()}
+    return known, None, note
 
 
 def _temperature(
@@ -176,17 +179,6 @@ def _coverage(interval_s: Floats, times_us: npt.NDArray[Any]) -> float:
     # only neighbours: a pause of the logger says nothing of how the integrals follow each other
     near = (steps > 0.0) & (steps < (1.0 + SINGLE_EXCESS) * float(np.median(steps)))
     return float(interval_s[1:][near].sum() / steps[near].sum()) if near.any() else 0.0
-
-
-def _add_accelerometer(arrays: Arrays, other: Arrays, time: str, known: dict[str, str]) -> str:
-    """Add the samples of an accelerometer at the same times to those of a gyroscope; return what was left out."""
-    if time not in other or not set(AXES) <= set(other) or step_s(arrays[time]) is None:
-        return ""
-    columns = {f"sensor_accel.{axis}": axis for axis in AXES}
-    if not add_matched(arrays, other, time, columns):
-        return "sensor_accel not used: its samples are at other times; as the chosen topic it is read alone"
-    known |= {f"accel/{axis}": f"sensor_accel.{axis}:m/s2" for axis in AXES}
-    return ""
 
 
 def _fifo(
