@@ -25,7 +25,6 @@ fits the form becomes rows, every other line is counted (`imumon.ledger`).
 
 from __future__ import annotations
 
-import math
 import re
 import warnings
 from collections import Counter
@@ -43,7 +42,7 @@ from imumon.sources.files.columns import check_width
 from imumon.sources.files.date_reader import DateReader
 from imumon.sources.files.number_labels import AXIS, PrintedLine, Samples, number_labels
 from imumon.sources.files.sizes_at_rest import same_sensor
-from imumon.sources.files.text_cells import are_dates, cell_number, has_value, number_of, split
+from imumon.sources.files.text_cells import are_dates, has_value, number_of, numbers_of, split
 from imumon.sources.files.unit_grammar import stated_rate
 
 LONGEST_PERIOD = 64
@@ -91,14 +90,6 @@ _CODE = re.compile(
 
 _BYTES = re.compile(r"(?:\b[0-9A-F]{2}[ \t]+){3,}[0-9A-F]{2}\b")
 """Bytes of a message, in hexadecimal."""
-
-
-def decoded(data: bytes) -> str:
-    """Return text in UTF-8, else in Latin-1: older spreadsheets write the degree sign as one byte."""
-    try:
-        return data.decode("utf-8-sig")  # spreadsheets begin a file with a mark of the byte order
-    except UnicodeDecodeError:
-        return data.decode("latin-1")
 
 
 def line_count(data: bytes) -> int:
@@ -285,14 +276,10 @@ def _cell_table(
 
 def _numbers(texts: Sequence[Sequence[str]], dates: Sequence[int], decimal: bool) -> Floats:
     """Return (n, k) numbers of cells; NaN where a cell has none."""
-    columns = []
-    for k in range(len(texts[0])):
-        try:
-            columns.append([float(row[k]) for row in texts])
-        except ValueError:
-            reader = DateReader() if k in dates else None
-            cells = (cell_number(row[k], reader, decimal) for row in texts)
-            columns.append([math.nan if number is None else number for number in cells])
+    columns = [
+        numbers_of(column, DateReader() if k in dates else None, decimal)
+        for k, column in enumerate(zip(*texts, strict=True))
+    ]
     return np.array(columns).T.reshape(len(texts), -1)
 
 

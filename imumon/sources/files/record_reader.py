@@ -26,10 +26,9 @@ from imumon.sources.files.printed_log import (
     TOKEN,
     TOO_LONG_BYTES,
     PrintedTable,
-    decoded,
     line_count,
 )
-from imumon.sources.files.text_cells import cell_number, split
+from imumon.sources.files.text_cells import decoded, numbers_of, split
 
 INVALID_SHARE, INVALID_ROWS = 0.1, 10
 """Share of invalid rows above which a text is no table, and invalid rows that every table may have."""
@@ -235,23 +234,13 @@ class RecordReader:
     def _values(self, matches: Sequence[Any]) -> Floats:
         """Return (n, k) numbers of the columns that are used, with the samples of a record one behind the other."""
         out = np.empty((len(matches), len(self._groups), len(self._columns)))
-        if matches and isinstance(matches[0], bytes):
-            matches = [(match,) for match in matches]
-        for i, groups in enumerate(self._groups):
+        # of a pattern with one group, a match is its text
+        texts = [matches] if self._pattern.groups == 1 else [*zip(*matches, strict=True)]
+        for i, groups in enumerate(self._groups if matches else ()):
             for j, (k, group) in enumerate(zip(self._columns, groups, strict=True)):
-                try:
-                    numbers = None if k in self._dates else [float(match[group]) for match in matches]
-                except ValueError:
-                    numbers = None
-                out[:, i, j] = (
-                    [self._number(match[group], k) for match in matches] if numbers is None else numbers
-                )
+                out[:, i, j] = numbers_of(texts[group], self._dates.get(k), self._table.decimal)
         self._ledger.receive(len(matches) * (len(self._groups) - 1))
         return out.reshape(-1, len(self._columns))
-
-    def _number(self, text: bytes, column: int) -> float:
-        number = cell_number(decoded(text).strip(), self._dates.get(column), self._table.decimal)
-        return math.nan if number is None else number
 
     def _between(self, lines: Sequence[bytes], place: int, *, last: bool) -> int:
         """Account for lines between two records; return how many records are damaged in them."""

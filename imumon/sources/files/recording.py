@@ -24,8 +24,8 @@ from imumon.sources.files.base import (
 )
 from imumon.sources.files.columns import SINCE_1970_S
 from imumon.sources.files.log_file import LogFile, log_kind
-from imumon.sources.files.printed_log import decoded
 from imumon.sources.files.raw_capture import RawCapture
+from imumon.sources.files.text_cells import decoded
 from imumon.sources.files.text_file import TextFile, utf_16
 from imumon.sources.registry import DEFAULT_SCHEME, driver, scheme_of_bytes
 

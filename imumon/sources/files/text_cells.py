@@ -13,6 +13,14 @@ MISSING = {"", "nan", "na", "n/a", "null", "none", "-"}
 """Contents of a cell without a number."""
 
 
+def decoded(data: bytes) -> str:
+    """Return text in UTF-8, else in Latin-1: older spreadsheets write the degree sign as one byte."""
+    try:
+        return data.decode("utf-8-sig")  # spreadsheets begin a file with a mark of the byte order
+    except UnicodeDecodeError:
+        return data.decode("latin-1")
+
+
 _BEFORE_BRACKET = re.compile(r"(?<![ \t])[ \t]+(?=[\[(][^\d\s\])]*[A-Za-z°][^\[\](]*[\])])")
 
 
@@ -69,10 +77,31 @@ def are_dates(cells: Sequence[str]) -> bool:
     )
 
 
-def cell_number(cell: str, reader: DateReader | None, decimal: bool) -> float | None:
-    if reader is None or cell.lower() in MISSING:
-        return number_of(cell, decimal=decimal)
+def numbers_of(
+    cells: Sequence[str] | Sequence[bytes], reader: DateReader | None = None, decimal: bool = False
+) -> list[float]:
+    """Return the numbers of a column of cells; NaN where a cell has none.
+
+    Parameters
+    ----------
+    reader : of a column of dates.
+    """
     try:
-        return reader.seconds(cell)
+        if reader is None:
+            return [*map(float, cells)]
     except ValueError:
-        return None
+        pass
+    texts = (decoded(cell).strip() if isinstance(cell, bytes) else cell for cell in cells)
+    return [_cell_number(text, reader, decimal) for text in texts]
+
+
+def _cell_number(cell: str, reader: DateReader | None, decimal: bool) -> float:
+    try:
+        number = (
+            number_of(cell, decimal=decimal)
+            if reader is None or cell.lower() in MISSING
+            else reader.seconds(cell)
+        )
+    except ValueError:
+        number = None
+    return math.nan if number is None else number

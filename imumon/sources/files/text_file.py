@@ -31,14 +31,13 @@ from imumon.sources.files.formats import known_format
 from imumon.sources.files.printed_log import (
     TOO_LONG_BYTES,
     PrintedTable,
-    decoded,
     line_count,
     tables,
 )
 from imumon.sources.files.raw_capture import RawCapture
 from imumon.sources.files.record_reader import RecordReader
 from imumon.sources.files.table import Table
-from imumon.sources.files.text_cells import number_of
+from imumon.sources.files.text_cells import decoded, number_of
 from imumon.sources.files.unit_grammar import Unit
 
 SHOWN_BYTES = 1 << 17

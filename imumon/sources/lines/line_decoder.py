@@ -35,7 +35,7 @@ from imumon.model.samples import AXES, LONGEST_NS, Floats, SampleBlock
 from imumon.sources.device import RESTART_NS
 from imumon.sources.files.printed_log import PrintedTable, tables
 from imumon.sources.files.sizes_at_rest import NOISIEST, is_one_g, median_size, sample_noise
-from imumon.sources.files.text_cells import number_of, split
+from imumon.sources.files.text_cells import numbers_of, split
 from imumon.sources.lines.line_columns import (
     LineColumns,
     columns_of,
@@ -284,8 +284,7 @@ class LineDecoder:
             raise _NoSample(f"is {plain(lines[0])[:QUOTED]!r}", "not_numbers")
         self._ledger.add("part", table.lines - 1)
         self._note_digits(columns, match.groups())
-        numbers = [number_of(text) for text in match.groups()]
-        return self._sample(columns, [math.nan if number is None else number for number in numbers])
+        return self._sample(columns, numbers_of(match.groups()))
 
     def _note_digits(self, columns: LineColumns, texts: Sequence[str]) -> None:
         """Note the resolution of a time, by its digits."""
