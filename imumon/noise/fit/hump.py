@@ -13,9 +13,10 @@ scoring for each range of neighbouring bands that may be left out, and the range
 counts (Akaike 1974), if chance explains that deviance. A filter in the sensor falls towards the highest frequency, and
 a hump ends before it: the highest bands are never left out. They show N, whatever stands below.
 
-A weak hump looks like Gauss–Markov noise. Where the bands ask for that, a hump that explains them better is left out
-instead: a band that is left out takes nothing from B, which M would. Where both explain them, M is not measured. A hump
-has a name only where chance would not make it at any of its places.
+A weak hump looks like Gauss–Markov noise. Where the bands ask for that, both are terms beside N, B and K: noise with a
+time constant, and a line whose frequency is normally distributed. Where the line explains the bands better, its range
+is left out: a band that is left out takes nothing from B, which M would. Where both explain them, M is not measured. A
+hump has a name only where chance would not make it at any of its places.
 
 Example: white noise, of which two of nine bands are ten times too high.
 
@@ -35,7 +36,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from scipy.special import gammaincc
+from scipy.special import gammaincc, ndtr
 
 from imumon.model.samples import Bools, Floats, Ints
 from imumon.noise.fit.likelihood import Squares
@@ -54,6 +55,12 @@ Otherwise: with fewer, the end of a filter is left out as a hump. Origin: N, B a
 """
 MARKOV_NUMBERS = 2
 """Numbers of Gauss–Markov noise that the bands determine: standard deviation and time constant."""
+LINE_SHAPE = 0.9
+"""Standard deviation of the frequency of a line that is compared with Gauss–Markov noise. Unit: of its mean.
+
+Otherwise: at 1 its density is as flat at frequency zero as that of the noise, which it takes for a line in one record
+in ten more; at 0.8, a hum that wanders to zero is measured as M in 4 of 100 (`markov.py`).
+"""
 HUMP_GAIN = 2.0
 """M is not measured where a hump in its place explains the bands worse by less. Unit: log likelihood.
 
@@ -181,18 +188,24 @@ def band_left_out(
     number = bands.power.size
     every = np.ones((1, number), dtype=bool)
     left = number - len(NOISE_TERMS)
-    alone = float(_deviances(bands, every, NOISE_TERMS, error)[0][0])
+    alone = float(_deviances(bands, every, error)[0][0])
     explained = _explained(alone, left, least)
     if explained and not markov_shows:
         return None, False
-    beside = _beside_markov(bands, markov, error)
+    of_markov = [bands.expected[term] for term in markov]
+    beside = _least_beside(bands, np.array(of_markov).reshape(-1, number), error)
     explained = explained or _explained(beside, left - MARKOV_NUMBERS, least)
     if explained and not markov_shows:
         return None, False
+    if explained:
+        beside_line = _least_beside(bands, _lines(bands), error)
+        ahead = beside_line + 2.0 - beside  # a line has one number more, its frequency
+        if ahead > 0.0:
+            return None, ahead < 2.0 * HUMP_GAIN
     ranges = _ranges(number)
     places = np.arange(number)
     counted = (places < ranges[:, :1]) | (places >= ranges[:, 1:])
-    deviance, model = _deviances(bands, counted, NOISE_TERMS, error)
+    deviance, model = _deviances(bands, counted, error)
     left_out = ranges[:, 1] - ranges[:, 0]
     # a hump is above the noise: what lies below it is the end of a filter, or a walk beside a mean that does not move
     rises = ((bands.power > model) & ~counted).sum(axis=1) > 0.5 * left_out
@@ -202,10 +215,7 @@ def band_left_out(
     cost = np.where(rises, deviance + 2.0 * left_out, np.inf)
     best = int(cost.argmin()) if cost.size else 0
     if not cost.size or not _explained(float(deviance[best]), left - int(left_out[best]), least):
-        return None, False
-    ahead = float(cost[best]) - (beside + 2.0 * MARKOV_NUMBERS)
-    if explained and ahead > 0.0:
-        return None, ahead < 2.0 * HUMP_GAIN
+        return None, explained
     begin, end = ranges[best].tolist()
     # its skirts lie in the bands beside it, where chance hides them
     begin, end = max(begin - 1, 0), min(end + 1, number - KEPT)
@@ -215,11 +225,29 @@ def band_left_out(
     return Band(low, float(bands.top[end - 1]), is_certain), False
 
 
-def _beside_markov(bands: Bands, markov: Sequence[NoiseTerm], error: float) -> float:
-    """Return the deviance of all bands beside the likeliest Gauss–Markov noise; infinity: there is none."""
-    every = np.ones((1, bands.power.size), dtype=bool)
-    deviances = (_deviances(bands, every, (*NOISE_TERMS, term), error)[0][0] for term in markov)
-    return float(min(deviances, default=np.inf))
+def _least_beside(bands: Bands, units: Floats, error: float) -> float:
+    """Return the deviance of all bands beside the likeliest of some terms; infinity: there are none.
+
+    Parameters
+    ----------
+    units : (m, r) what each band expects of each term.
+    """
+    if not len(units):
+        return np.inf
+    return float(_deviances(bands, np.ones((1, bands.power.size), dtype=bool), error, units)[0].min())
+
+
+def _lines(bands: Bands) -> Floats:
+    """Return (m, r) the mean density in each band of lines, whose frequencies are normally distributed.
+
+    Their means are the tops of the bands in which a hump may lie.
+    """
+    edges = np.append(0.0, bands.top)
+    middle = bands.top[:-KEPT, None]
+    width = LINE_SHAPE * middle
+    # a line wanders as much about the negative frequency
+    share = np.diff(ndtr((edges - middle) / width) + ndtr((edges + middle) / width), axis=1)
+    return np.asarray(np.maximum(share / np.diff(edges), LEAST_VARIANCE))
 
 
 def _ranges(number: int) -> Ints:
@@ -236,24 +264,29 @@ def _explained(deviance: float, dof: int, least: float) -> bool:
 
 
 def _deviances(
-    bands: Bands, counted: Bools, terms: Sequence[NoiseTerm], error: float
+    bands: Bands, counted: Bools, error: float, more: Floats | None = None
 ) -> tuple[Floats, Floats]:
-    """Return (m,) the deviance of the likeliest sum of some terms in the bands that count, and (m, r) that sum.
+    """Return (m,) the deviance of the likeliest sum of terms in the bands that count, and (m, r) that sum.
 
     Parameters
     ----------
-    counted : (m, r) which bands count in each of m cases.
+    counted : (m, r) which bands count in each of m cases; (1, r) the same in all.
+    more : (m, r) what each band expects of another term beside N, B and K; None: there is none.
     """
     half = np.where(counted, 0.5 / (1.0 / bands.dof + 0.5 * error**2), 0.0)
-    units = np.stack([bands.expected[term] for term in terms])
-    white = float(np.median((bands.power / units[0])[-KEPT:]))
+    units = np.stack([bands.expected[term] for term in NOISE_TERMS])[None]
+    if more is not None:
+        units = np.concatenate((np.tile(units, (len(more), 1, 1)), more[:, None]), axis=1)
+    white = float(np.median((bands.power / bands.expected[WHITE])[-KEPT:]))
     # where each term alone is nearly all of some band, and a ten thousandth of N everywhere
-    most = np.append(white, (bands.power / units[1:]).min(axis=1))
-    least = LEAST_MARKOV_SHARE * white * (units[list(terms).index(WHITE)] / units).min(axis=1)
+    most = (bands.power / units).min(axis=2)
+    most[:, list(NOISE_TERMS).index(WHITE)] = white
+    least = LEAST_MARKOV_SHARE * white * (bands.expected[WHITE] / units).min(axis=2)
     start = np.log(np.maximum(most, 10.0 * least))
     squares = Squares(bands.power, half[:, None], {})
-    powers = np.exp(scored_powers(squares, units[None], np.tile(start, (len(counted), 1)), np.log(least)))
-    model = powers @ units
+    cases = max(len(units), len(counted))
+    powers = np.exp(scored_powers(squares, units, np.tile(start, (cases // len(units), 1)), np.log(least)))
+    model = (powers[:, None] @ units)[:, 0]
     ratio = bands.power / model
     return np.asarray(
         2.0 * (half * (ratio - 1.0 - np.log(np.maximum(ratio, ROUNDING**2)))).sum(axis=1)
