@@ -52,8 +52,9 @@ from imumon.record.counts import Counts
 GROWTH = 0.1
 """Growth of a record, as a share, after which it is fitted again: limits shrink by 5 % meanwhile. More often, a daemon
 spends its time on fits that change nothing (`daemon_cost.py`)."""
-SCATTER_GROWTH = 1.5
-"""Growth of the record, as a factor, after which its quarters and halves are fitted again."""
+SCATTER_GROWTH = 2.0
+"""Growth of the record, as a factor, after which its quarters and halves are fitted again: four fits of each channel.
+Otherwise, a daemon spends more time on them than on its samples."""
 HALVES = "the halves of the record contradict each other"
 LONGEST_PAUSE_S = 60.0
 """s, longest pause, so that the end of the curve moves every minute."""
