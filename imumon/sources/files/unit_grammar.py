@@ -173,10 +173,11 @@ _OF_SAMPLES = re.compile(
 """Words before a rate or a frequency of samples; none may be there, too."""
 
 _PERIOD = re.compile(
-    rf"(?:sampl\w{{0,9}}[\s_-]?(?:period|interval)|sample[\s_-]?time|\bdt)\b\s*(?:[\[(](\w+)[\])])?{_NUMBER}",
+    r"(?:(?:sampl|log|record|output|updat|print)\w{0,9}[\s_-]?(?:period|interval)|sample[\s_-]?time|\bdt)\b"
+    rf"\s*(?:[\[(](\w+)[\])])?{_NUMBER}",
     re.IGNORECASE,
 )
-"""Unit of an interval of samples in brackets, a number, and the word behind it."""
+"""Unit of an interval of samples or rows in brackets, a number, and the word behind it."""
 
 _OF_OTHERS = re.compile(
     r"baud|bit|gps|gnss|frame|video|camera|heart|refresh|mag|baro|press|temp|max|bandwidth|filter|pass|cut"

@@ -272,6 +272,7 @@ def test_whole_numbers_are_in_the_unit_that_is_nearest_to_1_g() -> None:
         ("odr: 104\nrate: 100", None), ("Rate 50", 50.0), ("sample_rate_hz: 100", 100.0),
         ("Sample interval (s): 0.01", 100.0), ("ODR: 1000 Hz", None), ("output data rate 1000 Hz", None),
         ("sample rate 1000 Hz, every 10th row", None), ("Fs 1000, decimation 10", None), ("ODR 100\nFs 100", 100.0),
+        ("Sensor rate: 1000 Hz\nLogging interval: 10 ms", None), ("logged every 10 ms, ODR 1000 Hz", None),
     ],
 )  # fmt: skip
 def test_a_rate_of_the_rows_beside_the_word_rate_is_stated(text: str, rate: float | None) -> None:
