@@ -517,7 +517,7 @@ def _pattern(record: Sequence[PrintedLine], codes: Mapping[int, str]) -> str:
 
 def _list_header(above: Sequence[str], line: str, names: tuple[str, ...]) -> tuple[str, ...]:
     """Return the names of numbers by a header with a cell for each: they are in lists in quotes, or behind a date."""
-    for separator in (",", ";", "\t", None):
+    for separator in (",", ";", "\t", *([None] if any(names) else ())):
         cells = [TOKEN.finditer(_CODE.sub("\1", cell)) for cell in split(line, separator)]
         counts = [sum(match["stamp"] is None for match in of_cell) for of_cell in cells]
         for text in reversed(above):

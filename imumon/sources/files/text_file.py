@@ -118,7 +118,8 @@ class TextFile(Table):
                 raise RecordingError("no_rows", "it has no records with numbers", COMPLETE)
             table, reading = self._chosen(printed, text)
         except RecordingError as error:
-            if error.code in ("no_rows", "no_sensor") and HEXADECIMAL.search(text):
+            are_hexadecimal = 10 * len(HEXADECIMAL.findall(text)) > text.count("\n")
+            if error.code in ("no_rows", "no_sensor") and are_hexadecimal:
                 cure = "write them as decimal numbers"
                 error = RecordingError(error.code, "its numbers are hexadecimal", cure)
             raise error.of(self.path) from None

@@ -212,6 +212,10 @@ def test_hexadecimal_numbers_are_named_as_the_fault(tmp_path: Path, row: str) ->
         read_all(path)
     assert "hexadecimal" in error.value.message
     assert "decimal" in error.value.cure
+    path.write_text("colour 0x0 0x0 0xffff\n" + "speed: 1.5 m/s\nspeed: 1.6 m/s\n" * 200)
+    with pytest.raises(ImumonError) as error:
+        read_all(path)
+    assert "are hexadecimal" not in error.value.message
 
 
 def test_a_row_that_ends_early_costs_no_more_than_others() -> None:
