@@ -135,7 +135,7 @@ class _ColumnReader:
         self._taken = {k for use in self._given.values() for k in use.columns}
         self._triples = triples(columns)
         self._step_s: float | None = None
-        self._gravity = ""  # unit of an accelerometer of 1 g
+        self._gravity, self._is_whole = "", False  # unit of an accelerometer of 1 g; it has whole numbers
 
     def reading(self) -> Reading:
         """Return the sensors, the time, and what is beside them."""
@@ -183,7 +183,8 @@ class _ColumnReader:
         """Return all gyroscopes and accelerometers that the columns not given by the user may be."""
         free = [t for t in self._triples if not self._taken & set(t.indices)]
         moving = [t for t in free if _moves(t)]
-        self._gravity = next(filter(None, map(_unit_of_one_g, moving)), "")
+        of_gravity = ((unit, t.counts) for t in moving if (unit := _unit_of_one_g(t)))
+        self._gravity, self._is_whole = next(of_gravity, ("", False))
         uses = self._of_triples(moving)
         keys = {use.key for use in uses}
         if keys == {"accel"}:
@@ -202,7 +203,7 @@ class _ColumnReader:
         """Return the gyroscope beside an accelerometer: three numbers of one name that move around a constant."""
         used = {k for use in uses for k in use.columns}
         quiet = [t for t in moving if not used & set(t.indices) and _may_be_gyro(t)]
-        return [_by_noise(triple, self._gravity, named=False) for triple in quiet[:1]]
+        return [self._gyro(triple, named=False) for triple in quiet[:1]]
 
     def _sensor(self, triple: Triple) -> Use | None:
         """Return the sensor that a triple is, with its unit; None: it is none."""
@@ -222,7 +223,7 @@ class _ColumnReader:
             return None
         if triple.counts and counts_of_gravity(triple.size):
             return _in_counts(triple, "accel")
-        return _by_noise(triple, self._gravity, named=False)
+        return self._gyro(triple, named=False)
 
     def _words(self, triple: Triple) -> str:
         """Return the words of a triple; if they say no sensor, or both, that which the text before the table says."""
@@ -240,8 +241,14 @@ class _ColumnReader:
             reason = f"{triple.label} have the name of increments and no unit{other}"
             return _use(key, triple, unit, reason, kind="deltas")
         if key == "gyro":
-            return _by_noise(triple, self._gravity, named=named)
+            return self._gyro(triple, named=named)
         return _by_gravity(triple, named=named)
+
+    def _gyro(self, triple: Triple, *, named: bool) -> Use:
+        """Return a gyroscope without a unit: in counts, unless its whole numbers are beside such of mg."""
+        if triple.counts and not (self._is_whole and self._gravity == "mg"):
+            return _in_counts(triple, "gyro")
+        return _by_noise(triple, self._gravity, named=named)
 
     def _increments_of_gravity(self, triple: Triple, words: str) -> Use | None:
         """Return increments of velocity whose length over the interval is 1 g; None: it is not."""
@@ -447,7 +454,7 @@ class _ColumnReader:
         if key == "t":
             return self._clock.use_of(columns[0])
         if key in INERTIAL:
-            self._step_s, self._gravity = None, ""
+            self._step_s, self._gravity, self._is_whole = None, "", False
             return replace(self._by_size(triple, key, delta=False, named=True), scale=scale)
         default = {"temperature": "degC", "dt": "s"}.get(key, "")
         return _use(
@@ -578,8 +585,6 @@ def _in_counts(triple: Triple, key: str) -> Use:
 
 def _by_noise(triple: Triple, beside: str, *, named: bool) -> Use:
     """Return a gyroscope whose unit only its noise suggests, beside an accelerometer in a unit."""
-    if triple.counts and beside != "mg":  # whole numbers of mg are beside such of mdeg/s
-        return _in_counts(triple, "gyro")
     unit, noise = unit_of_rate(triple.rows, beside), sample_noise(triple.rows)
     other = "rad/s" if unit != "rad/s" else "deg/s"
     known, of_other = known_unit(unit), known_unit(other)

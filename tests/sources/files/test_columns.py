@@ -259,6 +259,8 @@ def test_whole_numbers_are_in_the_unit_that_is_nearest_to_1_g() -> None:
     assert {use.key: use.unit for use in in_mg.uses} == {"gyro": "mdeg/s", "accel": "mg", "t": "ms"}
     in_counts = read("t_ms,gx,gy,gz,ax,ay,az", 10 * STEP, gyro, np.rint(1024.0 * accel))
     assert [use.scale for use in in_counts.uses] == [0.0, 1.0 / 1024.0, 1.0]
+    beside_others = read("t_ms,gx,gy,gz,ax,ay,az", 10 * STEP, gyro, 1000.0 * accel)
+    assert beside_others.uses[0].scale == 0.0
 
 
 @pytest.mark.parametrize(
