@@ -21,8 +21,10 @@ from imumon.noise.validity_groups import LARGEST
 LONG_GAP = 256
 """Ticks, longest step that is filled row by row: a longer gap would cost more than two calls do."""
 
-MOST_ROWS = 1 << 13
-"""Ticks after which a dense block ends: a block of samples with a gap before each would be `LONG_GAP` times as long."""
+MOST_ROWS = 1 << 15
+"""Ticks after which a dense block ends: a block of samples with a gap before each would be `LONG_GAP` times as long.
+Blocks of a recording have half of it; cut, they would leave short ones, which cost as much as long ones.
+"""
 
 
 class InvalidSamples:
@@ -97,7 +99,7 @@ Part: TypeAlias = DenseBlock | LongGap | Break
 def fill_gaps(placed: PlacedSamples) -> list[Part]:
     """Return the grid of placed samples in order."""
     steps = placed.steps
-    if (steps == 1).all() and len(steps) < MOST_ROWS:
+    if (steps == 1).all() and len(steps) <= MOST_ROWS:
         return [DenseBlock(placed.values, None, placed.saturated)]
     return list(_parts(placed, steps))
 
@@ -106,7 +108,7 @@ def _parts(placed: PlacedSamples, steps: Ints) -> Iterator[Part]:
     """Yield dense blocks, long gaps and breaks."""
     cuts = set(np.flatnonzero((steps == BREAK) | (steps > LONG_GAP)).tolist())
     # in ticks, with long gaps as one: where a dense block is full, another one begins
-    full = np.diff(np.cumsum(np.minimum(steps, LONG_GAP)) // MOST_ROWS, prepend=0) > 0
+    full = np.diff((np.cumsum(np.clip(steps, 1, LONG_GAP)) - 1) // MOST_ROWS, prepend=0) > 0
     edges = sorted(
         {0, len(steps), *cuts, *np.flatnonzero(full).tolist()}
     )  # a set: the first may be a cut, too
