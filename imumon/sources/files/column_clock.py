@@ -106,9 +106,11 @@ class ColumnClock:
         text = self._options.units.get("time", "") or self._unit(column)
         reason = "its unit is given or stated, or its numbers count from 1970"
         if not text and self._rate is not None:
-            fitting = (unit for unit, hz in rates.items() if abs(hz / (self._rate or hz) - 1.0) < 0.05)
-            text = next(fitting, f"{float(f'{1.0 / (step * self._rate):.7g}')!r}s")
-            reason = f"{self._rate:g} Hz gives the unit of {label_of(column)}"
+            fitting = [unit for unit, hz in rates.items() if abs(hz / (self._rate or hz) - 1.0) < 0.05]
+            # a comment may state the rate of the sensor, and the clock another one of the rows
+            certain = bool(fitting) or step == 1.0 or self._options.rate_hz is not None
+            text = [*fitting, f"{float(f'{1.0 / (step * self._rate):.7g}')!r}s"][0]
+            reason = f"{self._reason}, which gives {label_of(column)} the unit {text}"
         if not text and column.unit:
             names = [c.name for c in self._columns]
             stated = option_text(columns={"t": f"{reference(column.index, names)}:UNIT"})

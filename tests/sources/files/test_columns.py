@@ -281,6 +281,13 @@ def test_a_rate_of_the_rows_beside_the_word_rate_is_stated(text: str, rate: floa
     assert stated_rate(text) == rate
 
 
+@pytest.mark.parametrize(("step", "certain"), [(10.0, True), (1.0, True), (100.0, False)])
+def test_a_comment_states_the_unit_of_a_clock_only_if_that_is_usual(step: float, certain: bool) -> None:
+    rows = np.column_stack([step * STEP, ACCEL])
+    assert read_columns(["t", "ax", "ay", "az"], (), rows, stated_hz=100.0).certain == certain
+    assert read_columns(["t", "ax", "ay", "az"], (), rows, ReadOptions(rate_hz=100.0)).certain
+
+
 @pytest.mark.parametrize("text", ["gyro", "gx=1", "gyro=1,2", "t=1,2,3", "=1"])
 def test_a_map_that_is_none_is_an_error(text: str) -> None:
     with pytest.raises(ImumonError) as wrong:
