@@ -247,53 +247,38 @@ class RecordReader:
         damaged = 0
         for k, line in enumerate(lines):
             is_end = last and (self._table.lines > 1 or k == len(lines) - 1)
-            reason = "other_message" if self.problem else self._reason_between(line, place + k, is_end=is_end)
-            self._ledger.add(self._code(reason, line))
-            if reason == "damaged":
+            reason, fault = self._reason(line, place + k, is_end=is_end)
+            self._ledger.add(reason)
+            if fault:
                 damaged += 1
-                is_long = len(line) > LONGEST_LINE or line == TOO_LONG_BYTES
-                fault = "is too long" if is_long else f"is no record: {decoded(line)[:QUOTED]!r}"
                 self._first_invalid = self._first_invalid or f"line {place + k} {fault}"
         # as many records as the lines would hold
         lost = -(-damaged // self._table.lines)
         self._invalid += lost
         return lost
 
-    def _reason_between(self, line: bytes, place: int, *, is_end: bool) -> str:
-        """Return why a line between two records is none."""
-        text = decoded(line) if len(line) <= LONGEST_LINE else ""
-        cells = [] if self._table.pattern else split(text, self._table.separator)
+    def _reason(self, line: bytes, place: int, *, is_end: bool) -> tuple[str, str]:
+        """Return why a line between two records is none, and what is wrong with it if it is a damaged one."""
+        table = self._table
+        is_long = len(line) > LONGEST_LINE or line == TOO_LONG_BYTES
+        text = "" if is_long else decoded(line)
+        cells = [] if table.pattern or is_long else split(text, table.separator)
+        if self.problem:
+            return "other_message", ""
         if reason := self._reason_outside(line, text, cells):
-            return reason
+            return reason, ""
         if is_end or not self._begun:  # half a line of a program that was killed, or that had begun before
-            return "pending" if self._begun else "start"
-        if not text or line == TOO_LONG_BYTES:
-            return "damaged"
+            return "pending" if self._begun else "start", ""
+        if is_long:
+            return "damaged", "is too long"
         if self._begins_other_table(text, cells):
             self.problem = f"{self._path} line {place} names other columns: only the rows before are used"
-            return "other_message"
-        return "damaged" if self._is_part_of_record(text, cells) else "not_numbers"
-
-    def _begins_other_table(self, text: str, cells: Sequence[str]) -> bool:
-        """Return whether a line names other columns, or is a title of few words that names a sensor."""
-        if not cells or not are_names(cells):
-            return False
-        names_columns = bool(self._table.header) and len(cells) > 2
-        return names_columns or (len(text.split()) <= len(AXES) and names_sensor(text))
-
-    def _is_part_of_record(self, text: str, cells: Sequence[str]) -> bool:
-        """Return whether a line has at least half of the numbers of a line of a record."""
-        numbers = len(cells) or _numbers_in(text)
-        return numbers > 0 and 2 * numbers * self._table.lines >= len(self._table.names)
-
-    def _code(self, reason: str, line: bytes) -> str:
-        """Return the code of a reason in the ledger: of a table of cells, it says what is wrong with them."""
-        if self._table.pattern or reason not in ("damaged", "not_numbers"):
-            return reason
-        cells = split(decoded(line), self._table.separator) if len(line) <= LONGEST_LINE else []
-        if not cells:
-            return reason
-        return "wrong_columns" if 1 < len(cells) != len(self._table.names) else "not_numbers"
+            return "other_message", ""
+        code = "wrong_columns" if 1 < len(cells) != len(table.names) else "not_numbers"
+        numbers = len(cells) or sum(match["number"] is not None for match in TOKEN.finditer(text))
+        if not 0 < len(table.names) <= 2 * numbers * table.lines:  # less than half of those of a line
+            return code, ""
+        return code if cells else "damaged", f"is no record: {text[:QUOTED]!r}"
 
     def _reason_outside(self, line: bytes, text: str, cells: Sequence[str]) -> str:
         """Return why a line belongs to no record of this table; empty: it may."""
@@ -308,9 +293,12 @@ class RecordReader:
         }
         return next((reason for reason, holds in reasons.items() if holds), "")
 
-
-def _numbers_in(text: str) -> int:
-    return sum(match["number"] is not None for match in TOKEN.finditer(text))
+    def _begins_other_table(self, text: str, cells: Sequence[str]) -> bool:
+        """Return whether a line names other columns, or is a title of few words that names a sensor."""
+        if not cells or not are_names(cells):
+            return False
+        names_columns = bool(self._table.header) and len(cells) > 2
+        return names_columns or (len(text.split()) <= len(AXES) and names_sensor(text))
 
 
 _CELL = (
