@@ -265,7 +265,7 @@ class RecordReader:
         cells = [] if table.pattern or is_long else split(text, table.separator)
         if self.problem:
             return "other_message", ""
-        if reason := self._reason_outside(line, text, cells):
+        if reason := self._reason_outside(line, cells):
             return reason, ""
         if is_end or not self._begun:  # half a line of a program that was killed, or that had begun before
             return "pending" if self._begun else "start", ""
@@ -276,22 +276,17 @@ class RecordReader:
             return "other_message", ""
         code = "wrong_columns" if 1 < len(cells) != len(table.names) else "not_numbers"
         numbers = len(cells) or sum(match["number"] is not None for match in TOKEN.finditer(text))
-        if not 0 < len(table.names) <= 2 * numbers * table.lines:  # less than half of those of a line
+        if 2 * numbers * table.lines < len(table.names):  # less than half of those of a line
             return code, ""
         return code if cells else "damaged", f"is no record: {text[:QUOTED]!r}"
 
-    def _reason_outside(self, line: bytes, text: str, cells: Sequence[str]) -> str:
+    def _reason_outside(self, line: bytes, cells: Sequence[str]) -> str:
         """Return why a line belongs to no record of this table; empty: it may."""
         # lines of the other tables have their patterns
         codes = () if self._table.pattern else self._table.codes
         is_other = any(cells[k : k + 1] != [code] for k, code in codes)
-        reasons = {
-            "blank": not line.strip(),
-            "comment": line.lstrip().startswith((b"#", b"%", b"//")),
-            "header": bool(text) and text == self._table.header,
-            "other_sensor": is_other or any(other.match(line + b"\n") for other in self._others),
-        }
-        return next((reason for reason, holds in reasons.items() if holds), "")
+        is_other = is_other or any(other.match(line + b"\n") for other in self._others)
+        return line_kind(line, self._table.header) or ("other_sensor" if is_other else "")
 
     def _begins_other_table(self, text: str, cells: Sequence[str]) -> bool:
         """Return whether a line names other columns, or is a title of few words that names a sensor."""
@@ -299,6 +294,15 @@ class RecordReader:
             return False
         names_columns = bool(self._table.header) and len(cells) > 2
         return names_columns or (len(text.split()) <= len(AXES) and names_sensor(text))
+
+
+def line_kind(line: bytes, header: str) -> str:
+    """Return what a line is that can be no record: ``blank``, ``header`` or ``comment``; empty: none of these."""
+    if not line.strip():
+        return "blank"
+    if header and decoded(line) == header:
+        return "header"
+    return "comment" if line.lstrip().startswith((b"#", b"%", b"//")) else ""
 
 
 _CELL = (
@@ -312,6 +316,7 @@ def _cell_pattern(table: PrintedTable, columns: Sequence[int]) -> str:
     """Return the pattern of a row of cells, with a group for each of some columns in their order."""
     blank = "[ ]*" if table.separator == "\t" else "[ \t]*"
     separator = "[ \t]+" if table.separator is None else blank + re.escape(table.separator)
+    around = "" if table.separator is None else blank
     inside = " \t" if table.separator is None else re.escape(table.separator)
     # atomic: a cell in quotes is never tried without them, or a row of such cells takes a time without end
     any_cell = rf"(?>\"[^\"\n]*\"[^{inside}\n]*|[^{inside}\n]*)"
@@ -320,7 +325,5 @@ def _cell_pattern(table: PrintedTable, columns: Sequence[int]) -> str:
     for k in range(max([*columns, *codes], default=-1) + 1):
         content = rf"([^{inside}\n]*?\d[^{inside}\n]*?)" if k in table.dates else f"({number})"
         content = re.escape(codes[k]) if k in codes else content if k in columns else ""
-        quoted = rf"{blank}[\"']?{blank}{content}{blank}[\"']?{blank}"
-        cells.append(quoted.replace(blank, "") if table.separator is None else quoted)
-        cells[-1] = cells[-1] if content else any_cell
-    return rf"^[ \t]*{separator.join(cells)}(?:[{inside}][^\n]*)?\n".replace("^[ \t]*", f"^{blank}")
+        cells.append(rf"{around}[\"']?{around}{content}{around}[\"']?{around}" if content else any_cell)
+    return rf"^{blank}{separator.join(cells)}(?:[{inside}][^\n]*)?\n"

@@ -35,7 +35,7 @@ from imumon.sources.files.printed_log import (
     tables,
 )
 from imumon.sources.files.raw_capture import RawCapture
-from imumon.sources.files.record_reader import RecordReader
+from imumon.sources.files.record_reader import RecordReader, line_kind
 from imumon.sources.files.table import Table
 from imumon.sources.files.text_cells import decoded, number_of
 from imumon.sources.files.unit_grammar import Unit
@@ -78,9 +78,7 @@ class TextFile(Table):
         before = table.begin
         parts = head.split(b"\n", before)
         for line in parts[:before]:
-            blank = not line.strip()
-            comment = line.lstrip().startswith((b"#", b"%", b"//")) and decoded(line) != table.header
-            self._lines.add("blank" if blank else "comment" if comment else "header")
+            self._lines.add(line_kind(line, table.header) or "header")
         waiting = [parts[-1]]
         count, size = line_count(parts[-1]), len(parts[-1])
         for block, lines in blocks:
