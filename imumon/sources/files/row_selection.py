@@ -17,7 +17,7 @@ A time that falls further is a clock that restarts, and stays. Rows in no order 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import pairwise
 
@@ -28,7 +28,7 @@ from imumon.model.cures import option_text
 from imumon.model.samples import AXES, CHANNELS, INERTIAL, Bools, Floats, Ints
 from imumon.model.units import share_text
 from imumon.sources.files.base import RowSource, different_rates, not_in_order
-from imumon.sources.files.columns import ColumnLayout
+from imumon.sources.files.columns import Column, ColumnLayout
 
 LARGEST = 1e10
 """Numbers beyond it, in the unit of the channel, are damage: raw counts of 32 bits are below, and a changed exponent of
@@ -414,23 +414,27 @@ def _filled(values: Floats, before: float) -> Floats:
 class RowOrder:
     """Puts rows in the order of their time. The last rows wait for those after them.
 
+    Parameters
+    ----------
+    path : for messages.
+    used : columns of the rows, with a time.
+
     Attributes
     ----------
     moved : rows that were out of order.
     """
 
-    def __init__(self, path: str, name: str) -> None:
-        self._path, self._name = path, name
-        self._waiting: tuple[Floats, Floats, Ints] | None = None
+    def __init__(self, path: str, used: Sequence[Column]) -> None:
+        self._path, self._times = path, {k: column for k, column in enumerate(used) if column.use == "t"}
+        self._rows, self._places = np.empty((0, len(used))), np.empty(0, np.int64)  # those that wait
         self.moved = 0
 
-    def sort(self, rows: Floats, times: Floats, places: Ints, *, final: bool = False) -> tuple[Floats, Ints]:
+    def sort(self, rows: Floats, places: Ints, *, final: bool = False) -> tuple[Floats, Ints]:
         """Return the oldest rows that wait, in order, and their places.
 
         Parameters
         ----------
-        rows : (n, k), the next ones.
-        times : (n,) in any unit; not finite: the row stays where it is.
+        rows : (n, k), the next ones. If its time is not finite, a row stays where it is.
         places : (n,) number of each row in its file.
         final : these are the last rows.
 
@@ -438,33 +442,33 @@ class RowOrder:
         ------
         RecordingError : the rows are in no order.
 
-        >>> order = RowOrder("a.csv", "t")
+        >>> from imumon.model.samples import ChannelName
+        >>> order = RowOrder("a.csv", [Column(0, "t", ChannelName("t"), "t")])
         >>> times = np.array([0.0, 1.0, 2.0, 3.0, 5.0, 4.0, 6.0])
-        >>> order.sort(times[:, None], times, np.arange(7), final=True)[1].tolist(), order.moved
+        >>> order.sort(times[:, None], np.arange(7), final=True)[1].tolist(), order.moved
         ([0, 1, 2, 3, 5, 4, 6], 1)
         """
-        if self._waiting is not None:
-            before, times_before, places_before = self._waiting
-            rows, times = np.concatenate([before, rows]), np.concatenate([times_before, times])
-            places = np.concatenate([places_before, places])
+        rows, places = np.concatenate([self._rows, rows]), np.concatenate([self._places, places])
+        # rounded to 256 ns, which is no matter for an order
+        times: Floats = rows[:, [*self._times]] @ np.array([column.factor for column in self._times.values()])
         finite = np.isfinite(times)
         order = self._order(_filled(times, times[np.argmax(finite)] if finite.any() else 0.0))
         if order is not None:
-            rows, times, places = rows[order], times[order], places[order]
+            rows, places, times = rows[order], places[order], times[order]
             steps = np.diff(times)
             back = float(np.mean(steps < 0.0))
             # a time that only falls is another error, which `table_clock` raises
             if back > UNSORTED and (steps > 0.0).any():
-                raise not_in_order(self._name, back).of(self._path)
+                raise not_in_order(next(iter(self._times.values())).name, back).of(self._path)
         # the last rows wait: a row after them may belong between them
         ready = len(rows) if final else max(0, len(rows) - WINDOW)
-        self._waiting = rows[ready:], times[ready:], places[ready:]
+        self._rows, self._places = rows[ready:], places[ready:]
         return rows[:ready], places[:ready]
 
     @property
     def waiting(self) -> int:
         """Rows that wait, without those that no sample comes of."""
-        return 0 if self._waiting is None else int((self._waiting[2] > 0).sum())
+        return int((self._places > 0).sum())
 
     def _order(self, times: Floats) -> Ints | None:
         """Return the order of the rows; None: they are in order.

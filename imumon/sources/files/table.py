@@ -117,9 +117,9 @@ class RowDecoder:
         self.fed += len(rows)
         rows, numbers = self._selection.select(rows, places)
         if self._selection.started and self._order is None and self._layout.times:
-            self._order = RowOrder(self._source.name, self._layout.times[0].name)
+            self._order = RowOrder(self._source.name, self._layout.used)
         if self._order is not None:
-            rows, numbers = self._order.sort(rows, self._sort_times(rows), numbers)
+            rows, numbers = self._order.sort(rows, numbers)
         return list(self._sorted_blocks(rows, numbers))
 
     def skip(self, count: int) -> None:
@@ -234,7 +234,7 @@ class RowDecoder:
         self._selection.check()
         if self._order is not None:
             no_rows, nowhere = np.empty((0, len(self._layout.used))), np.empty(0, np.int64)
-            yield from self._sorted_blocks(*self._order.sort(no_rows, np.empty(0), nowhere, final=True))
+            yield from self._sorted_blocks(*self._order.sort(no_rows, nowhere, final=True))
         if self._stream is not None and self._times is not None:
             no_values, nothing = np.empty((0, len(self._layout.columns))), np.empty(0, np.int64)
             yield from self._placed(self._stream, self._times, no_values, nothing, nothing, final=True)
@@ -260,14 +260,6 @@ class RowDecoder:
         if ready:
             times_ns = None if stream.clock == "none" else placed.times
             yield SampleBlock(stream, values[:ready], times_ns, placed.steps - 1)
-
-    def _sort_times(self, rows: Floats) -> Floats:
-        """Return (n,) times by which rows are sorted, ns: rounded to 256 ns, which is no matter for an order."""
-        width, times = len(self._layout.columns), self._layout.times
-        nanoseconds: Floats = rows[:, width : width + len(times)] @ np.array(
-            [column.factor for column in times]
-        )
-        return nanoseconds
 
     def _intervals(self, stream: Stream, rows: Floats) -> Ints | None:
         """Return (n,) ns, the length of each sample; None: the table does not have it."""
