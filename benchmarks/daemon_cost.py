@@ -146,7 +146,7 @@ def measure(temperature: bool = False) -> Iterator[Figure]:
         share = {kind: 100.0 * spent / (end - begin) for kind, spent in run.spent.items()}
         text = ", ".join(f"{kind} {share[kind]:.2f}" for kind in share)
         yield at_most(f"pipeline, {name}", sum(share[k] for k in PIPELINE), goal, "% of a core", text)
-    yield at_most("saved state, compressed", run.state() / 1e6, STATE_MB, "MB")
+    yield at_most("saved state of 20 minutes, compressed", run.state() / 1e6, STATE_MB, "MB")
     yield from fits(values[:, : len(MEAN)])
 
 

@@ -44,7 +44,7 @@ def axes(n: int, start: int = 0, count: int = 1) -> SampleBlock:
     return replace(whole, stream=replace(DELTAS, channels=GYRO[:count]), values=whole.values[:, :count])
 
 
-def test_n_is_known_early_and_no_fit_is_older_than_five_seconds_and_two_per_cent() -> None:
+def test_n_is_known_early_and_no_fit_is_older_than_a_tenth_of_the_record() -> None:
     monitor, at, known, oldest = Record(), 0.0, None, 0.0
     for second in range(80):
         monitor.feed(axes(100, 100 * second))
@@ -53,11 +53,23 @@ def test_n_is_known_early_and_no_fit_is_older_than_five_seconds_and_two_per_cent
             at, known = second, n
         if second == 2:
             assert n.value is not None
-        assert second - at <= min(0.1 * second, 5.0 + 0.02 * second) + 1.0
+        assert second - at <= 0.1 * second + 1.0
         oldest = max(oldest, second - at)
     assert oldest >= 5.0  # it is not computed for every report
     stopped = report_of(monitor, "stopped")
     assert stopped.channels["gyro/x"].coefficients["N"] is not known  # the last report includes everything
+
+
+def test_the_curve_moves_each_minute_and_the_fit_with_each_tenth_of_the_record() -> None:
+    record, curves, fits = Record(), [], []
+    record.feed(axes(90_000))
+    for third in range(13):  # of a minute, from 15 minutes on
+        n = report_of(record).channels["gyro/x"]
+        curves.append(n.allan)
+        fits.append(n.coefficients["N"].value)
+        record.feed(axes(2_000, 90_000 + 2_000 * third))
+    assert [a is not b for a, b in itertools.pairwise(curves)] == [False, False, True] * 4
+    assert [a != b for a, b in itertools.pairwise(fits)] == 5 * [False] + [True] + 5 * [False] + [True]
 
 
 @pytest.mark.slow
