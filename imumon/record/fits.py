@@ -31,7 +31,7 @@ from imumon.model.samples import UNITS, WITH_CURVE, ChannelName, Stream
 from imumon.model.units import counted, duration
 from imumon.noise.allan import AllanCurve
 from imumon.noise.fit import BiasFit, ChannelFit, Estimator
-from imumon.noise.fit.slow_terms import CHANCE
+from imumon.noise.fit.likelihood import CHANCE
 from imumon.noise.statistics.differences import RobustDeviation
 from imumon.noise.statistics.distribution_shape import DistributionShape
 from imumon.noise.stretches import Sums

@@ -73,7 +73,7 @@ UNUSUAL_CHANCE = float(ndtr(-UNUSUAL_SIGMA))
 probability.
 
 Otherwise: a magnetometer that is read three times for each value is stuck, and rare outliers by chance are a knock.
-Origin: ndtr(-UNUSUAL_SIGMA), 1.3e-12: that of an unusual sample, to one side. `slow_terms.CHANCE` is another one
+Origin: ndtr(-UNUSUAL_SIGMA), 1.3e-12: that of an unusual sample, to one side. `likelihood.CHANCE` is another one
 (`test_guard.py`).
 """
 STUCK_SAMPLES = 5

@@ -39,7 +39,7 @@ import numpy as np
 from scipy.special import gammaincc, ndtr
 
 from imumon.model.samples import Bools, Floats, Ints
-from imumon.noise.fit.likelihood import Squares
+from imumon.noise.fit.likelihood import CHANCE, Squares
 from imumon.noise.fit.markov_search import LEAST_MARKOV_SHARE, scored_powers
 from imumon.noise.fit.model import NOISE_TERMS, WHITE, NoiseTerm
 from imumon.noise.fit.normal_equations import LEAST_VARIANCE
@@ -53,8 +53,6 @@ KEPT = 3
 
 Otherwise: with fewer, the end of a filter is left out as a hump. Origin: N, B and K are three numbers (`wander.py`).
 """
-MARKOV_NUMBERS = 2
-"""Numbers of Gauss–Markov noise that the bands determine: standard deviation and time constant."""
 LINE_SHAPE = 0.9
 """Standard deviation of the frequency of a line that is compared with Gauss–Markov noise. Unit: of its mean.
 
@@ -72,12 +70,6 @@ WIDEST_WEAK = 6
 Otherwise: white noise of two hours loses half of its bands in one record of 60 (`tests/report_runs.py`), and bands
 that are left out over seven octaves explain Gauss–Markov noise as well as a term of it does. Chosen: three octaves,
 more than a hum wanders (`markov.py`).
-"""
-HUMP_CHANCE = 0.05
-"""Noise alone makes a hump that has a name in this share of records. Unit: probability.
-
-Otherwise: one clean record in twenty has the caveat of a vibration, because a chance of Gauss–Markov noise is one of a
-hump, too (`markov.py`).
 """
 LINE_WIDTHS = 3.0
 """Distance from a line up to which its power reaches. Unit: widths of the line.
@@ -194,7 +186,7 @@ def band_left_out(
         return None, False
     of_markov = [bands.expected[term] for term in markov]
     beside = _least_beside(bands, np.array(of_markov).reshape(-1, number), error)
-    explained = explained or _explained(beside, left - MARKOV_NUMBERS, least)
+    explained = explained or _explained(beside, left - 2, least)  # its size and its time constant
     if explained and not markov_shows:
         return None, False
     if explained:
@@ -221,7 +213,7 @@ def band_left_out(
     begin, end = max(begin - 1, 0), min(end + 1, number - KEPT)
     low = float(bands.top[begin - 1]) if begin else 0.0
     chance = float(gammaincc(0.5 * left_out[best], 0.5 * max(alone - float(deviance[best]), 0.0)))
-    is_certain = chance < HUMP_CHANCE / cost.size  # over all places (Bonferroni)
+    is_certain = chance < CHANCE / cost.size  # over all places (Bonferroni)
     return Band(low, float(bands.top[end - 1]), is_certain), False
 
 

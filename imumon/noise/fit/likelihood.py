@@ -53,11 +53,12 @@ from imumon.noise.fit.scoring import BandScoring
 from imumon.noise.validity_groups import ROUNDING
 
 GRID = 20
-"""Resolution of B and of K, half as many where regressors are tried; also the frequencies that are tried between two
-coefficients for an oscillation. Unit: values.
+"""Resolution of B and of K, half as many where regressors are tried or M is beside them; also the frequencies that are
+tried between two coefficients for an oscillation. Unit: values.
 
-Otherwise: with 10, limits of B and K move by up to 9 % of their distance. Origin: with 16 no limit of 15 channels
-moves by more than 0.7 % of the distance of the limits; with 40 and 80 by 1 %, but one, a lower limit of B, by 10 %.
+Otherwise: with 10, limits of B and K move by up to 9 % of their distance; with 7 beside M, those of M by a tenth in
+half of the channels. Origin: with 16 no limit of 15 channels moves by more than 0.7 % of the distance of the limits;
+with 40 and 80 by 1 %, but one, a lower limit of B, by 10 %.
 """
 FINE = 8
 """Resolution of the cumulative probability between two points of the grid. Unit: parts of a cell.
@@ -105,6 +106,14 @@ EVIDENCE = 4.8
 Otherwise: at 0 noise alone is measured as B and K in half of the records. Origin: 1.4 % false detections: half of the
 records without the term have the best value at zero (Chernoff 1954). Of N^2 and Q^2 it is the square over that of the
 standard error (`real_effects.py`).
+"""
+
+CHANCE = 0.01
+"""Noise alone makes an oscillation that is left out, a hump that has a name, a bend of the effect of the temperature,
+or a misfit in this share of records. Unit: probability.
+
+Otherwise: leaving out a coefficient costs little, missing an oscillation makes B too large. Origin: over all places of
+a record (Bonferroni) (`real_effects.py`).
 """
 
 LIMITS = np.array([0.025, 0.5, 0.975])

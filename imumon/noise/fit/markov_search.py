@@ -28,6 +28,7 @@ import numpy as np
 from imumon.model.samples import Floats
 from imumon.noise.fit.likelihood import (
     DROP,
+    GRID,
     GRID_FALL,
     MOST_MOVES,
     Grids,
@@ -86,13 +87,6 @@ LATTICE = 16
 
 Otherwise: expectations are computed again for each channel and fit. Origin: steps of 4 %: below the error of any time
 constant.
-"""
-MARKOV_GRID = 10
-"""Resolution of B, of K and of M beside each other. Unit: values.
-
-Otherwise: with 7, limits of M move by a tenth of their distance in half of the channels. Origin: chosen for the time.
-In 18 channels with M, limits with 20 values and 13 time constants differ by 1 % of their distance in half of the
-channels, and by 15 % in one.
 """
 MARKOV_NODES = 7
 """Number of time constants over which the likelihood is summed. Unit: time constants.
@@ -329,23 +323,23 @@ def markov_surface(observed: Observed, surface: Surface, samples: float, coarse:
     peak: dict[NoiseTerm, float] = {term: float(power[finer.best]) for term, power in finer.powers.items()}
     sigma = float(np.sqrt(finer.markov[finer.best]))
     grids: Grids = {
-        term: np.linspace(0.0, max(2.0 * np.sqrt(peak[term]), 0.6 * grid[-1]), MARKOV_GRID)
+        term: np.linspace(0.0, max(2.0 * np.sqrt(peak[term]), 0.6 * grid[-1]), GRID // 2)
         for term, grid in surface.grids.items()
     } | {
-        center: np.linspace(0.0, 2.0 * sigma, MARKOV_GRID),
+        center: np.linspace(0.0, 2.0 * sigma, GRID // 2),
     }
     # first the grid of the likeliest time constant alone, which is nearly that of all, then of the ends beside it
     first = finer_likelihood.at_values_of(surface, grids)
-    grids = {term: near(first, term, MARKOV_GRID) for term in grids}
+    grids = {term: near(first, term, GRID // 2) for term in grids}
     ends = [terms[0], terms[len(terms) // 2], terms[-1]]
     wider = _summed(_of_each(likelihood, surface, ends, center, grids), ends, grids)
-    grids = {term: near(wider, term, MARKOV_GRID) for term in grids}
+    grids = {term: near(wider, term, GRID // 2) for term in grids}
     for _ in range(MOST_MOVES):
         parts = _of_each(likelihood, surface, terms, center, grids)
         total = _summed(parts, terms, grids)
         if holds(total):
             break
-        grids = {term: near(total, term, MARKOV_GRID) for term in total.grids}
+        grids = {term: near(total, term, GRID // 2) for term in total.grids}
     logs = np.stack([part.log for part in parts])
     weights = np.exp(logs - logs.max()) @ total.cells.ravel()
     peak[center] = sigma**2

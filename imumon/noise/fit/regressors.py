@@ -57,7 +57,6 @@ Otherwise: a settling between two of them leaves power in the lowest coefficient
 constant is a regressor, too: neighbours a factor of 1.6 to 2 apart cover what lies between (`real_effects.py --only
 warm-up`).
 """
-SETTLING_SHARES = np.array(SETTLING_TIMES)
 COEFFICIENTS_PER_REGRESSOR = 6
 """Single coefficients of a segment that its drift, or an exponential, needs. Unit: coefficients.
 
@@ -236,14 +235,14 @@ def settlings(series: BlockSeries) -> list[list[Regressor]]:
     # a sensor warms up after each start: the last segment that is long enough, not the first
     segment = int(_held(series, COEFFICIENTS_PER_REGRESSOR)[-1])
     count = int(series.count[segment])
-    names = ("settling", "settling_time") * SETTLING_SHARES.size
-    falls = _within(series, segment, names, *_falls(count), np.repeat(SETTLING_SHARES * count, 2))
+    names = ("settling", "settling_time") * len(SETTLING_TIMES)
+    falls = _within(series, segment, names, *_falls(count), np.repeat(SETTLING_TIMES, 2) * count)
     return [list(pair) for pair in zip(falls[::2], falls[1::2], strict=True)]
 
 
 @lru_cache(maxsize=1)
 def _falls(count: int) -> tuple[Floats, Floats]:
-    falls = np.exp(-np.multiply.outer(np.arange(count) + 0.5, 1.0 / (SETTLING_SHARES * count)))
+    falls = np.exp(-np.multiply.outer(np.arange(count) + 0.5, 1.0 / (np.array(SETTLING_TIMES) * count)))
     lines = np.stack((falls, -falls * np.log(falls)), axis=2).reshape(count, -1)
     return lines, _transform(lines)
 

@@ -31,6 +31,7 @@ from imumon.model.samples import Bools, Floats, Ints
 from imumon.noise.fit import markov_search, regressors
 from imumon.noise.fit.hump import LEAK
 from imumon.noise.fit.likelihood import (
+    CHANCE,
     EVIDENCE,
     GRID,
     LIMITS,
@@ -48,15 +49,8 @@ from imumon.noise.fit.observations import (
     meeting_frequency,
     pooled_cosines,
 )
-from imumon.noise.fit.regressors import COEFFICIENTS_PER_REGRESSOR, SETTLING_SHARES, SINGLE, Regressor
+from imumon.noise.fit.regressors import COEFFICIENTS_PER_REGRESSOR, SETTLING_TIMES, SINGLE, Regressor
 
-CHANCE = 0.01
-"""Noise alone makes an oscillation that is left out, a bend of the effect of the temperature, or a misfit in this share
-of records. Unit: probability.
-
-Otherwise: leaving out a coefficient costs little, missing an oscillation makes B too large. Origin: over all
-coefficients of a record (Bonferroni) (`real_effects.py`).
-"""
 OSCILLATION_WIDTHS = (1, 3, 8, 24)
 """Neighbouring coefficients that are tested together for an oscillation. Unit: coefficients.
 
@@ -413,7 +407,7 @@ class SlowTermSearch:
 
         The odds before the data are even, and divided over the time constants, or over the places, that there are.
         """
-        chances = {"settling": SETTLING_SHARES.size, "step": self._series.series.size}
+        chances = {"settling": len(SETTLING_TIMES), "step": self._series.series.size}
         doubtful = [
             (float(np.exp(0.5 * gain)) / chances[candidate.regressors[0].name], candidate.regressors)
             for gain, candidate in zip(gains, candidates, strict=True)

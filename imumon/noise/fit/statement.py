@@ -53,6 +53,7 @@ from imumon.model.coefficients import LIMIT_95, NOISE, NOT_WHITE, SIGNIFICANT, E
 from imumon.model.samples import Bools, Floats
 from imumon.noise.fit.hump import Hump, line_bands
 from imumon.noise.fit.likelihood import (
+    CHANCE,
     EVIDENCE,
     LIMITS,
     Surface,
@@ -73,7 +74,6 @@ from imumon.noise.fit.oscillations import moved, periods
 from imumon.noise.fit.popcorn import TwoLevels, two_levels
 from imumon.noise.fit.regressors import BENT, COLLINEAR, OSCILLATION
 from imumon.noise.fit.search import Model, ModelChoice
-from imumon.noise.fit.slow_terms import CHANCE
 from imumon.noise.fit.time_to_precision import seconds_to
 from imumon.noise.noise_sums import NoiseSums
 from imumon.noise.spectrum.spectral_lines import mains
