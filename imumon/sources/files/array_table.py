@@ -237,21 +237,27 @@ def _numbers(name: str, value: Any) -> Any:
             return np.asarray(value.to_numpy(dtype=np.float64, na_value=np.nan))
         except (TypeError, ValueError):
             raise _no_numbers(name, value) from None
+    array = _array(value)
+    if array.dtype.kind not in "iuf":
+        raise _no_numbers(name, array)
+    is_masked = isinstance(array, np.ma.MaskedArray)
+    return np.ma.filled(array.astype(np.float64), np.nan) if is_masked else array
+
+
+def _array(value: Any) -> Any:
+    """Return an array; one of objects that are numbers, of which some are missing, has numbers."""
     try:
         array = np.asanyarray(value)
     except ValueError:  # rows of different lengths
-        array = np.empty(0, object)
+        return np.empty(0, object)
     if array.dtype.kind == "O":
         values = array.reshape(-1).tolist()
         missing = [v is None or type(v).__name__ in ("NAType", "MaskedConstant") for v in values]
         numbers = [isinstance(v, Real) and not isinstance(v, bool) for v in values]
         if any(missing) and all(map(max, missing, numbers)):
             floats = [np.nan if gone else float(v) for v, gone in zip(values, missing, strict=True)]
-            array = np.array(floats).reshape(array.shape)
-    if array.dtype.kind not in "iuf":
-        raise _no_numbers(name, array)
-    is_masked = isinstance(array, np.ma.MaskedArray)
-    return np.ma.filled(array.astype(np.float64), np.nan) if is_masked else array
+            return np.array(floats).reshape(array.shape)
+    return array
 
 
 def _dates(name: str, value: Any) -> ArrayColumn | None:

@@ -332,9 +332,8 @@ class Reading:
         points = [kind for kind in kinds.values() if kind != "deltas"]
         assumed = [use for use in self.uses if not use.certain]
         rate = by_key.get("rate")
-        keys = [key for key in (*dict.fromkeys(name.sensor for name in CHANNELS), "t", "dt") if key in by_key]
         return ColumnLayout(
-            _kind_of_stream(stream, points), tuple(c for key in keys for c in self._columns_of(by_key[key])),
+            _kind_of_stream(stream, points), tuple(self._used_columns()),
             remarks=(*(f"assumed: {use.reason}" for use in assumed), *self.remarks),
             caveats=tuple(dict.fromkeys(code for use in assumed for code in use.assumptions)),
             gyro="deltas" if points and kinds.get("gyro") == "deltas" else None,
@@ -343,15 +342,18 @@ class Reading:
             unused=self.unused,
         )  # fmt: skip
 
-    def _columns_of(self, use: Use) -> Iterator[Column]:
-        """Yield the columns of a use whose unit is known."""
-        if use.known is None:
-            return
-        in_ns = [factor * 1e9 for factor in factors_of(use)]
-        factors = in_ns if use.key == "t" else [use.known.factor * use.scale] * len(use.columns)
-        for index, axis, factor in zip(use.columns, use.axes, factors, strict=True):
-            name, channel = plain(self.names[index]), ChannelName(f"{use.key}/{axis}" if axis else use.key)
-            yield Column(index, name, channel, use.known.quantity, factor, use.known.zero)
+    def _used_columns(self) -> Iterator[Column]:
+        """Yield the columns whose unit is known: of the channels in the order of a stream, the time, the interval."""
+        by_key = {use.key: use for use in self.uses}
+        for key in (*dict.fromkeys(name.sensor for name in CHANNELS), "t", "dt"):
+            use = by_key.get(key)
+            if use is None or use.known is None:
+                continue
+            in_ns = [factor * 1e9 for factor in factors_of(use)]
+            factors = in_ns if key == "t" else [use.known.factor * use.scale] * len(use.columns)
+            for index, axis, factor in zip(use.columns, use.axes, factors, strict=True):
+                name, channel = plain(self.names[index]), ChannelName(f"{key}/{axis}" if axis else key)
+                yield Column(index, name, channel, use.known.quantity, factor, use.known.zero)
 
 
 def factors_of(use: Use) -> list[float]:

@@ -263,8 +263,6 @@ class RecordReader:
         is_long = len(line) > LONGEST_LINE or line == TOO_LONG_BYTES
         text = "" if is_long else decoded(line)
         cells = [] if table.pattern or is_long else split(text, table.separator)
-        if self.problem:
-            return "other_message", ""
         if reason := self._reason_outside(line, cells):
             return reason, ""
         if is_end or not self._begun:  # half a line of a program that was killed, or that had begun before
@@ -275,13 +273,15 @@ class RecordReader:
             self.problem = f"{self._path} line {place} names other columns: only the rows before are used"
             return "other_message", ""
         code = "wrong_columns" if 1 < len(cells) != len(table.names) else "not_numbers"
-        numbers = len(cells) or sum(match["number"] is not None for match in TOKEN.finditer(text))
+        numbers = len(cells) or _numbers_in(text)
         if 2 * numbers * table.lines < len(table.names):  # less than half of those of a line
             return code, ""
         return code if cells else "damaged", f"is no record: {text[:QUOTED]!r}"
 
     def _reason_outside(self, line: bytes, cells: Sequence[str]) -> str:
         """Return why a line belongs to no record of this table; empty: it may."""
+        if self.problem:
+            return "other_message"
         # lines of the other tables have their patterns
         codes = () if self._table.pattern else self._table.codes
         is_other = any(cells[k : k + 1] != [code] for k, code in codes)
@@ -294,6 +294,10 @@ class RecordReader:
             return False
         names_columns = bool(self._table.header) and len(cells) > 2
         return names_columns or (len(text.split()) <= len(AXES) and names_sensor(text))
+
+
+def _numbers_in(text: str) -> int:
+    return sum(match["number"] is not None for match in TOKEN.finditer(text))
 
 
 def line_kind(line: bytes, header: str) -> str:

@@ -11,6 +11,7 @@ import math
 import re
 import unicodedata
 from collections import Counter
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 from imumon.model.units import STANDARD_GRAVITY
@@ -207,9 +208,14 @@ def stated_rate(text: str) -> float | None:
     ]
     # the output data rate is a setting of the chip, which may be read less often
     rates = {hz for _, hz in stated} if any(word != "odr" for word, _ in stated) else set()
+    rates |= {*_rates_of_intervals(text)}
+    rate = rates.pop() if len(rates) == 1 and not _THINNED.search(text) else 0.0
+    return rate if POSSIBLE_HZ[0] <= rate <= POSSIBLE_HZ[1] else None
+
+
+def _rates_of_intervals(text: str) -> Iterator[float]:
+    """Yield the rate of each interval of samples that a text states, Hz."""
     for in_brackets, number, behind in _PERIOD.findall(text):
         unit = known_unit(in_brackets or behind)
         if unit is not None and unit.quantity == "t" and float(number) > 0.0:
-            rates.add(1.0 / (float(number) * unit.factor))
-    rate = rates.pop() if len(rates) == 1 and not _THINNED.search(text) else 0.0
-    return rate if POSSIBLE_HZ[0] <= rate <= POSSIBLE_HZ[1] else None
+            yield 1.0 / (float(number) * unit.factor)
