@@ -26,6 +26,8 @@ deviation, a median is sought between levels. Unit: levels.
 Otherwise: the least difference of many levels may be several steps.
 """
 
+BATCH = 8192
+"""Samples that are counted together at most: their bins stay in the cache of the processor."""
 HISTOGRAM_BINS = 256
 """Bins of a channel: at least half of them are in use."""
 ROUNDED_GAP = 1e-9
@@ -88,8 +90,11 @@ class HistogramAccumulator:
             self._add(values, ok)
 
     def _add(self, values: Floats, valid: Bools | None) -> None:
-        if not len(values):
-            return
+        for start in range(0, len(values), BATCH):
+            rows = slice(start, start + BATCH)
+            self._add_batch(values[rows], None if valid is None else valid[rows])
+
+    def _add_batch(self, values: Floats, valid: Bools | None) -> None:
         groups = np.array(self._groups)
         if valid is None or valid.all():
             self._count(np.arange(len(groups)), np.ascontiguousarray(values.T))

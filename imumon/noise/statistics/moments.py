@@ -19,7 +19,7 @@ from imumon.model.samples import Bools, Floats, Ints
 from imumon.model.saved_state import restorable
 from imumon.noise.validity_groups import ValidityGroups
 
-BATCH = 16384
+BATCH = 8192
 """Samples that are reduced together: their work arrays fit into the cache of the processor."""
 
 
