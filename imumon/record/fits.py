@@ -1,8 +1,8 @@
 """Fits of a record, with its spectra and shapes: recomputed when the record has grown enough to show.
 
-They cost many times what the samples of a second cost and hardly change in a second. A report therefore
-reuses the last ones until the record has grown by a tenth. The curve, and what is stated of it, is that of the last
-minute at most. Counts, means and everything else that is cheap belong to the moment of the report.
+They cost many times what the samples of a second cost and hardly change in a second. A report therefore reuses the
+last ones until the record has grown by a tenth, or by ten minutes. The curve, and what is stated of it, is that of the
+last minute at most. Counts, means and everything else that is cheap belong to the moment of the report.
 
 A coefficient of a fit is a bound if the likelihood does not show it, if a term beside it explains the same, or if the
 model leaves the curve (`noise.fit.statement`, `noise.fit.curve_statement`). The record then makes K a bound, in this
@@ -58,6 +58,8 @@ Otherwise, a daemon spends more time on them than on its samples."""
 HALVES = "the halves of the record contradict each other"
 LONGEST_PAUSE_S = 60.0
 """s, longest pause, so that the end of the curve moves every minute."""
+LONGEST_FIT_PAUSE_S = 600.0
+"""s, longest growth without a fit: who waits for a precision, or watches a sensor that degrades, waits no longer."""
 
 
 Renewal: TypeAlias = Literal["all", "due", "none"]
@@ -72,6 +74,15 @@ def pause_s(elapsed_s: float) -> float:
     (1.0, 10.0, 60.0)
     """
     return min(GROWTH * elapsed_s, LONGEST_PAUSE_S)
+
+
+def fit_pause_s(elapsed_s: float) -> float:
+    """Return the growth, s, after which what is so long is fitted again.
+
+    >>> fit_pause_s(100.0), fit_pause_s(86400.0)
+    (10.0, 600.0)
+    """
+    return min(GROWTH * elapsed_s, LONGEST_FIT_PAUSE_S)
 
 
 class Fits:
@@ -184,7 +195,7 @@ class Fits:
         """Return the fits, as far as the state of the record lets them count; decide whether it warms up."""
         renew: bool | None = force or (None if counts.elapsed_s >= self._fit_due_s else False)
         if renew is not False:
-            self._fit_due_s = counts.elapsed_s + GROWTH * counts.elapsed_s
+            self._fit_due_s = counts.elapsed_s + fit_pause_s(counts.elapsed_s)
         fits = self._estimator.fit(curve, renew=renew, resolution=self.resolution, kurtosis=kurtosis)
         fits = _judged_as_a_record(fits)
         excluded = (counts.excluded_variance() * counts.interval_s).tolist()

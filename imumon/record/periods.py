@@ -2,7 +2,7 @@
 
 N, B and K belong to the period alone. Counters are read when a period ends, while the guard still holds some samples
 back; so they may belong to samples of some seconds later, but their sums are those of the record. What is in progress
-is shown as it was a minute ago at most, with the fits of when it was a tenth shorter.
+is shown as it was a minute ago at most, with fits that may be older (`fit_pause_s`).
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from imumon.noise.fit import ChannelFit, Estimator
 from imumon.noise.stretches import Sums
 from imumon.noise.stretches.stretches import LENGTHS_S, Stretch
 from imumon.record.counts import Counts
-from imumon.record.fits import GROWTH, LONGEST_PAUSE_S, Fits
+from imumon.record.fits import LONGEST_PAUSE_S, Fits, fit_pause_s
 
 
 class Periods:
@@ -110,15 +110,16 @@ class Periods:
             temperature=None if heat is None else moments[heat].mean,
             warming_up=fits.warming_up,
             grades={sensor: grade.meets for sensor, grade in fits.grades.items()},
-            channels=self._channels(stretch, moments, self._fits_of(stretch, complete=complete)),
+            channels=self._channels(stretch, moments, self._fits_of(stretch, interval_s, complete=complete)),
         )
 
-    def _fits_of(self, stretch: Stretch, *, complete: bool) -> tuple[ChannelFit, ...]:
-        """Return the fits of a stretch, of one in progress those of when it was a tenth shorter at most."""
+    def _fits_of(self, stretch: Stretch, interval_s: float, *, complete: bool) -> tuple[ChannelFit, ...]:
+        """Return the fits of a stretch, of one in progress those of when it was a little shorter."""
         length = stretch.end - stretch.start
         if not complete and (known := self._fitted.get(stretch.length_s)) is not None:
             start, earlier, fits = known
-            if start == stretch.start and length < (1.0 + GROWTH) * earlier:
+            is_new = (length - earlier) * interval_s < fit_pause_s(earlier * interval_s)
+            if start == stretch.start and is_new:
                 return fits
         fits = self._estimators[stretch.length_s].fit_sums(stretch.sums, length, self._fits.resolution)
         self._fitted[stretch.length_s] = stretch.start, length, fits
