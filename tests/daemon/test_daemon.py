@@ -30,7 +30,7 @@ from imumon.daemon.alert_command import AlertCommand
 from imumon.documents.summary import summary_text
 from imumon.model.report import Event, Report
 from imumon.model.samples import DeviceInfo
-from imumon.sources.device import Interrupted
+from imumon.sources.device import BATCH_S, Interrupted
 from imumon.sources.serial_port import SerialPort
 from imumon.sources.vn100.emulator import EmulatorSettings
 from imumon.sources.vn100.vn100_session import Vn100Session
@@ -150,8 +150,9 @@ def test_a_line_that_is_never_silent_does_not_keep_it_from_its_end(
 
 def test_what_has_come_by_the_stop_counts(tmp_path: Path) -> None:
     config = tmp_path / "config.toml"
-    # reports come so fast that the first stall ends before the daemon takes the sensor for lost
-    config.write_text("[report]\nperiod_s = 0.2\n")
+    # reports come so fast that the first stall ends before the daemon takes the sensor for lost, and none before the
+    # next batch of bytes
+    config.write_text(f"[report]\nperiod_s = {BATCH_S + 0.1}\n")
     # a silent sensor is asked nothing: all that is sent are samples
     words = ("--listen-only", "--rate", "40", "--config", str(config))
     with spawn(EmulatorSettings(seed=2)) as sensor, Daemon(sensor.path, tmp_path, *words) as daemon:
