@@ -27,7 +27,7 @@ from imumon.sources.files.column_names import names_sensor, names_time, split_un
 from imumon.sources.files.column_reader import read_columns
 from imumon.sources.files.columns import LISTED, MOST_COLUMNS, Reading
 from imumon.sources.files.table import Table
-from imumon.sources.files.unit_grammar import stated_rate
+from imumon.sources.files.unit_grammar import StatedRate, stated_rate
 
 HEAD_ROWS = 4096
 """First rows that show what the columns are."""
@@ -146,7 +146,7 @@ def _columns_of_one_length(
         rows = _rows(some[:MOST_COLUMNS], 0, min(length, HEAD_ROWS))
         names = [column.name for column in some]
         try:
-            reading = read_columns(names, (), rows, options, stated_hz=_stated_rate(columns))
+            reading = read_columns(names, (), rows, options, rate=_stated_rate(columns))
         except RecordingError as fault:
             faults.append(fault)
             continue
@@ -160,8 +160,8 @@ def _columns_of_one_length(
     raise max(faults, key=lambda fault: fault.code != "no_sensor")
 
 
-def _stated_rate(columns: Sequence[ArrayColumn]) -> float | None:
-    """Return the rate, Hz, that arrays of one number have by their names; None: there is none."""
+def _stated_rate(columns: Sequence[ArrayColumn]) -> StatedRate | None:
+    """Return the rate that arrays of one number have by their names; None: there is none."""
     single = [column for column in columns if column.length == 1]
     texts = []
     for column in single:

@@ -22,7 +22,7 @@ from imumon.sources.files.base import ReadOptions, RecordingError, different_rat
 from imumon.sources.files.column_names import COUNTER, FEWEST, TIME, NamedColumn, label_of, names_sensor
 from imumon.sources.files.columns import SINCE_1970_S, Use, factors_of, reference
 from imumon.sources.files.row_selection import WINDOW
-from imumon.sources.files.unit_grammar import POSSIBLE_HZ, Unit, known_unit
+from imumon.sources.files.unit_grammar import POSSIBLE_HZ, StatedRate, Unit, known_unit
 
 USUAL_HZ, TYPICAL_HZ = (0.5, 9000.0), 150.0
 """Hz, rates at which the unit of a time is proposed, and the one that they lie around."""
@@ -50,7 +50,7 @@ class ColumnClock:
     ----------
     columns : of the table.
     options : of the user.
-    stated_hz : Hz, rate that a comment states; None: none does.
+    rate : that a comment states; None: none does.
     dates : columns whose cells were dates.
     """
 
@@ -58,13 +58,15 @@ class ColumnClock:
         self,
         columns: Sequence[NamedColumn],
         options: ReadOptions,
-        stated_hz: float | None,
+        rate: StatedRate | None,
         dates: Collection[int],
     ) -> None:
         self._columns, self._options, self._dates = columns, options, dates
         self._rate, self._reason = options.rate_hz, "the rate is given"
-        if self._rate is None and stated_hz is not None:
-            self._rate, self._reason = stated_hz, f"a comment states {stated_hz:g} Hz"
+        self._of_chip = False
+        if self._rate is None and rate is not None:
+            self._rate, self._reason = rate.hz, f"a comment states {rate.hz:g} Hz"
+            self._of_chip = not rate.of_rows
         names = Counter(column.name for column in columns if column.rises)
         self._words = [column.words for column in columns]
         for column, behind in pairwise(columns):
@@ -95,7 +97,10 @@ class ColumnClock:
         _check_order(free)
         if self._rate is not None:
             rate, text = Unit("rate", self._rate), f"{self._rate:g}"
-            return Use("rate", unit=text, known=rate, certain=True, reason=self._reason)
+            if not self._of_chip:
+                return Use("rate", unit=text, known=rate, certain=True, reason=self._reason)
+            reason = f"{self._reason} as the output data rate of the chip, which may be read less often"
+            return Use("rate", unit=text, known=rate, reason=reason, assumptions=("assumed_rate",))
         reason = "no column is a time, and nothing states the rate"
         return Use("rate", reason=reason, assumptions=("assumed_rate",))
 
@@ -105,7 +110,7 @@ class ColumnClock:
         rates = {text: 1.0 / (step * factor) for text, factor in CLOCK_UNITS.items()}
         text = self._options.units.get("time", "") or self._unit(column)
         reason = "its unit is given or stated, or its numbers count from 1970"
-        if not text and self._rate is not None:
+        if not text and self._rate is not None and not self._of_chip:
             fitting = [unit for unit, hz in rates.items() if abs(hz / (self._rate or hz) - 1.0) < 0.05]
             # a comment may state the rate of the sensor, and the clock another one of the rows
             certain = bool(fitting) or step == 1.0 or self._options.rate_hz is not None

@@ -69,7 +69,7 @@ from imumon.sources.files.sizes_at_rest import (
     unit_of_rate,
     units_of_gravity,
 )
-from imumon.sources.files.unit_grammar import POSSIBLE_HZ, Unit, known_unit
+from imumon.sources.files.unit_grammar import POSSIBLE_HZ, StatedRate, Unit, known_unit
 
 MOST_NAMELESS = 3
 """Triples without a name and a unit that may be gyroscopes: more of them are a list, such as samples one behind the
@@ -86,7 +86,7 @@ def read_columns(
     options: ReadOptions | None = None,
     *,
     source: str = "",
-    stated_hz: float | None = None,
+    rate: StatedRate | None = None,
     dates: Sequence[int] = (),
 ) -> Reading:
     """Return what the columns of a table are.
@@ -97,7 +97,7 @@ def read_columns(
     rows : (n, k) the first numbers; not finite is missing.
     options : of the user: ``columns``, ``rate_hz``, ``sensor``, ``units``, ``samples``, ``kind``.
     source : texts that may say of which sensor the rows are, the nearest first, a line each.
-    stated_hz : Hz, rate that a comment states.
+    rate : that a comment states.
     dates : columns that were dates; their numbers are seconds.
 
     Raises
@@ -107,12 +107,12 @@ def read_columns(
     check_width(len(names))
     options = options or ReadOptions()
     check_meaning(options.units, options.samples)
-    if (rate := (options.columns or {}).get("rate")) is not None:
-        options = replace(options, rate_hz=_rate_of(rate))
+    if (given := (options.columns or {}).get("rate")) is not None:
+        options = replace(options, rate_hz=_rate_of(given))
     columns = _named_columns(names, units, rows)
     if units and any(map(_has_unit_of_another, columns)):  # the line is not that of these names
         columns = _named_columns(names, (), rows)
-    clock = ColumnClock(columns, options, stated_hz, set(dates))
+    clock = ColumnClock(columns, options, rate, set(dates))
     return _ColumnReader(columns, options, source, clock).reading()
 
 

@@ -43,7 +43,7 @@ from imumon.sources.files.date_reader import DateReader
 from imumon.sources.files.number_labels import AXIS, PrintedLine, Samples, number_labels
 from imumon.sources.files.sizes_at_rest import same_sensor
 from imumon.sources.files.text_cells import are_dates, has_value, number_of, numbers_of, split
-from imumon.sources.files.unit_grammar import stated_rate
+from imumon.sources.files.unit_grammar import StatedRate, stated_rate
 
 LONGEST_PERIOD = 64
 """Lines of a record at most: a message of a topic with its covariances has about forty."""
@@ -107,7 +107,7 @@ class PrintedTable:
     rows : (n, k) numbers of the records in the head; not finite is missing.
     begin : lines before the first record.
     source : what it may be a table of: the values of codes, then the text before the table, a line each.
-    stated_hz : Hz, rate that this text states; None: it states none.
+    rate : that this text states; None: it states none.
     dates : columns whose cells are dates or times of day; their numbers are seconds.
     separator : of cells; None with `pattern`: the text between the numbers divides them; None without: blanks do.
     decimal : the decimal sign is a comma.
@@ -124,7 +124,7 @@ class PrintedTable:
     rows: Floats
     begin: int
     source: str = ""
-    stated_hz: float | None = None
+    rate: StatedRate | None = None
     dates: tuple[int, ...] = ()
     separator: str | None = None
     decimal: bool = False

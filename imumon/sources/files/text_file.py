@@ -122,7 +122,8 @@ class TextFile(Table):
                 error = RecordingError(error.code, "its numbers are hexadecimal", cure)
             raise error.of(self.path) from None
         layout = reading.checked(self.path, accept=self._options.accept).layout(self._options.kind)
-        source = RowSource(self.path, "csv", reading.names, stated_hz=table.stated_hz)
+        stated_hz = table.rate.hz if table.rate is not None and table.rate.of_rows else None
+        source = RowSource(self.path, "csv", reading.names, stated_hz=stated_hz)
         columns = self._begin(source, layout, self._options)
         self._reader = RecordReader(
             self.path, table, columns, [each for each in printed if each is not table]
@@ -187,7 +188,7 @@ class TextFile(Table):
             table.rows,
             options,
             source=place,
-            stated_hz=table.stated_hz,
+            rate=table.rate,
             dates=table.dates,
         )
 

@@ -13,6 +13,7 @@ import unicodedata
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import NamedTuple
 
 from imumon.model.units import STANDARD_GRAVITY
 
@@ -181,36 +182,52 @@ _PERIOD = re.compile(
 """Unit of an interval of samples or rows in brackets, a number, and the word behind it."""
 
 _OF_OTHERS = re.compile(
-    r"baud|bit|gps|gnss|frame|video|camera|heart|refresh|mag|baro|press|temp|max|bandwidth|filter|pass|cut"
-    r"|output data",
+    r"baud|bit|gps|gnss|frame|video|camera|heart|refresh|mag|baro|press|temp|max|bandwidth|filter|pass|cut",
     re.IGNORECASE,
 )
-"""Words before a rate that is not that of the rows: of another part, or the output data rate, a setting of the chip."""
+"""Words before a rate that is not that of samples of the sensor."""
 
-_THINNED = re.compile(r"every\s+\d+\s*(?:st|nd|rd|th)\b|decimat|(?:down|sub)-?sampl", re.IGNORECASE)
+_THINNED = re.compile(r"every\s+\d|decimat|(?:down|sub)-?sampl", re.IGNORECASE)
 """Words of a text whose rows are a part of the samples: the rate that it states is not that of the rows."""
 
 
-def stated_rate(text: str) -> float | None:
-    """Return the rate beside the word rate or Fs, or of a stated interval, Hz; None: none of the rows, or several.
+class StatedRate(NamedTuple):
+    """A rate that a text states.
 
-    >>> stated_rate("// Update Rate: 100.0Hz"), stated_rate("Fs,100"), stated_rate("at 52 Hz"), stated_rate("range 8")
-    (100.0, 100.0, 52.0, None)
-    >>> stated_rate("GPS rate: 5 Hz"), stated_rate("rate 2000 dps"), stated_rate("Sampling period: 10 ms")
-    (None, None, 100.0)
+    Attributes
+    ----------
+    hz : the rate, Hz.
+    of_rows : it is that of the rows; else the output data rate, a setting of the chip, which may be read less often.
+    """
+
+    hz: float
+    of_rows: bool = True
+
+
+def stated_rate(text: str) -> StatedRate | None:
+    """Return the rate beside the word rate or Fs, or of a stated interval; None: there is none, or several.
+
+    >>> [each and each.hz for each in map(stated_rate, ("// Update Rate: 100.0Hz", "Fs,100", "at 52 Hz", "range 8"))]
+    [100.0, 100.0, 52.0, None]
+    >>> [each and each.hz for each in map(stated_rate, ("GPS rate: 5 Hz", "rate 2000 dps", "Sampling period: 10 ms"))]
+    [None, None, 100.0]
+    >>> stated_rate("ODR: 100 Hz"), stated_rate("ODR: 1000 Hz, every 10th is logged")
+    (StatedRate(hz=100.0, of_rows=False), None)
     """
     stated = [
-        (word.lower().strip("_"), float(number) * (1e3 if behind.lower().startswith("khz") else 1.0))
+        StatedRate(
+            float(number) * (1e3 if behind.lower().startswith("khz") else 1.0),
+            not re.search(r"output data rate$|odr$", before + word, re.IGNORECASE),
+        )
         for before, word, number, behind in _RATE.findall(text)
         if known_unit(behind) is None
         and not _OF_OTHERS.search(before)
         and (word.lower().strip("_") not in ("rate", "freq", "frequency") or _OF_SAMPLES.search(before))
     ]
-    # the output data rate is a setting of the chip, which may be read less often
-    rates = {hz for _, hz in stated} if any(word != "odr" for word, _ in stated) else set()
-    rates |= {*_rates_of_intervals(text)}
-    rate = rates.pop() if len(rates) == 1 and not _THINNED.search(text) else 0.0
-    return rate if POSSIBLE_HZ[0] <= rate <= POSSIBLE_HZ[1] else None
+    stated += map(StatedRate, _rates_of_intervals(text))
+    rates = {rate.hz for rate in stated}
+    hz = rates.pop() if len(rates) == 1 and not _THINNED.search(text) else 0.0
+    return StatedRate(hz, any(r.of_rows for r in stated)) if POSSIBLE_HZ[0] <= hz <= POSSIBLE_HZ[1] else None
 
 
 def _rates_of_intervals(text: str) -> Iterator[float]:

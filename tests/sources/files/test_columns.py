@@ -13,7 +13,7 @@ from imumon.sources.files.base import ReadOptions, RecordingError
 from imumon.sources.files.column_names import split_unit
 from imumon.sources.files.column_reader import read_columns
 from imumon.sources.files.columns import ColumnsUnclear, Reading, parse_map
-from imumon.sources.files.unit_grammar import known_unit, stated_rate
+from imumon.sources.files.unit_grammar import StatedRate, known_unit, stated_rate
 
 DEG, G = np.pi / 180.0, 9.80665
 RNG = np.random.default_rng(63)
@@ -278,13 +278,30 @@ def test_whole_numbers_are_in_the_unit_that_is_nearest_to_1_g() -> None:
     ],
 )  # fmt: skip
 def test_a_rate_of_the_rows_beside_the_word_rate_is_stated(text: str, rate: float | None) -> None:
-    assert stated_rate(text) == rate
+    stated = stated_rate(text)
+    assert (stated.hz if stated is not None and stated.of_rows else None) == rate
+
+
+@pytest.mark.parametrize(
+    ("text", "hz"),
+    [
+        ("ODR: 104 Hz", 104.0),
+        ("Output data rate: 1.6 kHz", 1600.0),
+        ("ODR 1000 Hz, every 10th is logged", None),
+    ],
+)
+def test_the_rate_of_a_chip_is_proposed_and_not_taken(text: str, hz: float | None) -> None:
+    (rate,) = (
+        u for u in read_columns(["ax", "ay", "az"], (), ACCEL, rate=stated_rate(text)).uses if u.key == "rate"
+    )
+    assert not rate.certain
+    assert (None if rate.known is None else rate.known.factor) == hz
 
 
 @pytest.mark.parametrize(("step", "certain"), [(10.0, True), (1.0, True), (100.0, False)])
 def test_a_comment_states_the_unit_of_a_clock_only_if_that_is_usual(step: float, certain: bool) -> None:
     rows = np.column_stack([step * STEP, ACCEL])
-    assert read_columns(["t", "ax", "ay", "az"], (), rows, stated_hz=100.0).certain == certain
+    assert read_columns(["t", "ax", "ay", "az"], (), rows, rate=StatedRate(100.0)).certain == certain
     assert read_columns(["t", "ax", "ay", "az"], (), rows, ReadOptions(rate_hz=100.0)).certain
 
 
