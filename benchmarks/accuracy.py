@@ -17,7 +17,7 @@ import sys
 import time
 from collections.abc import Iterator
 
-os.environ.setdefault("OMP_NUM_THREADS", "1")
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # as the program does
 
 import allantools
 import numpy as np
