@@ -17,6 +17,7 @@ import numpy as np
 from imumon.model.samples import Bools, Floats, Ints
 from imumon.model.saved_state import restorable
 from imumon.noise.statistics.distribution_shape import LEARN_SAMPLES, DistributionShape, assessed
+from imumon.noise.statistics.moments import BATCH
 from imumon.noise.validity_groups import LARGEST
 
 FEW_LEVELS = 8
@@ -26,8 +27,6 @@ deviation, a median is sought between levels. Unit: levels.
 Otherwise: the least difference of many levels may be several steps.
 """
 
-BATCH = 8192
-"""Samples that are counted together at most: their bins stay in the cache of the processor."""
 HISTOGRAM_BINS = 256
 """Bins of a channel: at least half of them are in use."""
 ROUNDED_GAP = 1e-9

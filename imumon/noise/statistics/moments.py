@@ -20,7 +20,7 @@ from imumon.model.saved_state import restorable
 from imumon.noise.validity_groups import ValidityGroups
 
 BATCH = 8192
-"""Samples that are reduced together: their work arrays fit into the cache of the processor."""
+"""Samples that are reduced, or counted in bins, together: their work arrays fit into the cache of the processor."""
 
 
 @dataclass(frozen=True, slots=True)

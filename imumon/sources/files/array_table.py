@@ -194,9 +194,8 @@ def columns_of(name: str, value: Any) -> list[ArrayColumn]:
     if len(array.shape) == 1:
         return [ArrayColumn(name or "1", array)]
     length, width = array.shape
-    if (
-        length == 1 or length == len(AXES) < width <= MOST_TRANSPOSED
-    ):  # the longer side of an array is its time
+    # the longer side of an array is its time
+    if length == 1 or length == len(AXES) < width <= MOST_TRANSPOSED:
         array = array[:].T
         length, width = array.shape
     if length == len(AXES) < width and names_sensor(name):

@@ -277,7 +277,7 @@ class _Part:
 
 
 def _standard_input() -> BinaryIO:
-    """Open standard input a second time: the interpreter aborts at its end if a thread reads `sys.stdin`."""
+    """Open standard input a second time: the end of a recording leaves `sys.stdin` open."""
     return os.fdopen(sys.stdin.fileno(), "rb", closefd=False)
 
 
