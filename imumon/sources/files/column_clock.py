@@ -10,6 +10,7 @@ import math
 import re
 from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -93,7 +94,7 @@ class ColumnClock:
             return pair
         if best is not None:
             self._check_one_clock(clocks)
-            return self.use_of(best)
+            return self._beside_stated(best, clocks)
         _check_order(free)
         if self._rate is not None:
             rate, text = Unit("rate", self._rate), f"{self._rate:g}"
@@ -103,6 +104,23 @@ class ColumnClock:
             return Use("rate", unit=text, known=rate, reason=reason, assumptions=("assumed_rate",))
         reason = "no column is a time, and nothing states the rate"
         return Use("rate", reason=reason, assumptions=("assumed_rate",))
+
+    def _beside_stated(self, best: NamedColumn, clocks: Sequence[NamedColumn]) -> Use:
+        """Return the best clock; without a unit, it has the one in which it runs as a clock whose unit is known.
+
+        If it has none of these, it counts ticks of its own, and the clock whose unit is known is used.
+        """
+        stated = next((c for c in clocks if self._unit(c) and not self._is_of_other(c)), best)
+        if best.unit or self._unit(best) or self._rate is not None or stated is best:
+            return self.use_of(best)
+        use = self.use_of(stated)
+        assert use.known is not None
+        seconds = float(np.ptp(stated.present)) * use.known.factor
+        for text, factor in CLOCK_UNITS.items():
+            if abs(float(np.ptp(best.present)) * factor / seconds - 1.0) < STATED_SHARE:
+                reason = f"{label_of(best)} runs as {label_of(stated)}"
+                return replace(use, columns=(best.index,), unit=text, known=known_unit(text, "t"), reason=reason)
+        return use
 
     def use_of(self, column: NamedColumn) -> Use:
         """Return the time that a column is, with its unit; raise `RecordingError` if that is stated and not known."""
@@ -161,20 +179,26 @@ class ColumnClock:
         step, text, words = typical_step(column.present), self._unit(column), self._words[column.index]
         units = [known_unit(unit, "t") for unit in ([text] if text else CLOCK_UNITS)]
         rates = [1.0 / (step * unit.factor) for unit in units if unit is not None]
-        of_other = {"gyro": "acc", "accel": "gyr"}.get(self._options.sensor or "", "$^")
         return (
             not names_sensor(words),
             not any(abs(hz / (self._rate or math.inf) - 1.0) < STATED_SHARE for hz in rates),
-            bool(re.search(rf"{of_other}|gnss|location|mag|baro|alt|position", words)),
+            self._is_of_other(column),
             float(np.diff(column.present).min()) < -WINDOW * step,  # rows that are late make it fall less
             not (TIME.search(column.words) or not column.words),
             not _is_steady(column),
             not text,
+            "tick" in column.words,  # of a length of its own
             not re.search(r"startup|sample|sensor|device|boot|chip", column.words),
             bool(re.search(r"host|system|app|log|recv|receive|arrival|gps|utc", column.words)),
             not column.words,
             column.index,
         )
+
+    def _is_of_other(self, column: NamedColumn) -> bool:
+        """Return whether a clock is named after another sensor than the one that is read."""
+        of_other = {"gyro": "acc", "accel": "gyr"}.get(self._options.sensor or "", "$^")
+        words = self._words[column.index]
+        return re.search(rf"{of_other}|gnss|location|mag|baro|alt|position", words) is not None
 
     def _check_one_clock(self, clocks: Sequence[NamedColumn]) -> None:
         """Raise `RecordingError` if gyroscope and accelerometer have a time each, and these differ."""

@@ -156,6 +156,22 @@ def test_a_clock_that_never_falls_is_before_one_that_starts_again() -> None:
     assert reading.uses[1].columns == (0,)
 
 
+@pytest.mark.parametrize(("step", "use"), [(10.0, (0, "ms")), (1e7, (0, "ns")), (4.5e4, (1, "s"))])
+def test_a_clock_without_a_unit_has_that_in_which_it_runs_as_a_stated_one(
+    step: float, use: tuple[int, str]
+) -> None:
+    """Ticks of its own have none: the stated clock is the time then, although it jitters."""
+    host = 0.01 * STEP + RNG.exponential(2e-3, len(STEP))
+    reading = read("sensor_time,host_time_s,ax,ay,az", step * STEP, host, ACCEL)
+    assert reading.certain
+    assert (reading.uses[1].columns[0], reading.uses[1].unit) == use
+
+
+def test_a_time_is_proposed_before_ticks() -> None:
+    reading = read("tick,offset_time,ax,ay,az", 45000.0 * STEP, 0.01 * STEP, ACCEL)
+    assert (reading.uses[1].columns, reading.uses[1].unit) == ((1,), "s")
+
+
 @pytest.mark.parametrize("first", [True, False])
 def test_clocks_of_one_name_are_those_of_the_channels_behind_them(first: bool) -> None:
     emg = [("X[s]", 0.001 * STEP), ("EMG [Volts]", GYRO[:, 0])]
