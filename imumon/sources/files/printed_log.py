@@ -37,7 +37,7 @@ import numpy as np
 
 from imumon.model.samples import AXES, Floats
 from imumon.sources.files.column_header import are_names, described_names, elements, header_of, listed_names
-from imumon.sources.files.column_names import names_sensor, words_of
+from imumon.sources.files.column_names import named_channel, names_sensor, words_of
 from imumon.sources.files.columns import check_width
 from imumon.sources.files.date_reader import DateReader
 from imumon.sources.files.number_labels import AXIS, PrintedLine, Samples, number_labels
@@ -90,6 +90,9 @@ _CODE = re.compile(
 
 _BYTES = re.compile(r"(?:\b[0-9A-F]{2}[ \t]+){3,}[0-9A-F]{2}\b")
 """Bytes of a message, in hexadecimal."""
+
+_ADDRESS = re.compile(r"(?:[0-9A-Fa-f]{2}:){5}[0-9A-Fa-f]{2}")
+"""Address of a device: its bytes are no numbers of a sensor."""
 
 
 def line_count(data: bytes) -> int:
@@ -196,6 +199,7 @@ def _are_mostly_values(cells: Sequence[str], separator: str | None, decimal: boo
 
 def _has_labelled_number(cell: str) -> bool:
     """Return whether a cell has a name before its number, or several numbers."""
+    cell = _ADDRESS.sub("", cell)
     numbers = sum(match["void"] is None for match in TOKEN.finditer(cell))
     if re.fullmatch(r"\d{1,4}([-/.])\d{1,2}\1\d{1,4}", cell):  # a day
         return False
@@ -338,6 +342,8 @@ _DEVICE = re.compile(
 def _may_be_code(name: str, counts: Mapping[str, int], rows: int) -> bool:
     """Return whether a column may say of which sensor a row is: by few words, or whole numbers below such a name."""
     if not 1 < len(counts) <= MOST_CODES or min(counts.values()) < max(3, FREQUENT * rows):
+        return False
+    if named_channel(name)[0]:  # coarse numbers have few values, too
         return False
     if any(number_of(value) is None for value in counts):
         return True

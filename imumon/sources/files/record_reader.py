@@ -330,4 +330,4 @@ def _cell_pattern(table: PrintedTable, columns: Sequence[int]) -> str:
         content = rf"([^{inside}\n]*?\d[^{inside}\n]*?)" if k in table.dates else f"({number})"
         content = re.escape(codes[k]) if k in codes else content if k in columns else ""
         cells.append(rf"{around}[\"']?{around}{content}{around}[\"']?{around}" if content else any_cell)
-    return rf"^{blank}{separator.join(cells)}(?:[{inside}][^\n]*)?\n"
+    return rf"^{blank}{separator.join(cells)}(?:;|[{inside}][^\n]*)?\n"

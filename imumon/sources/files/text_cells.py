@@ -39,8 +39,8 @@ def split(line: str, separator: str | None) -> list[str]:
 _FORTRAN = re.compile(r"^([-+]?\d*\.\d*)[dD](?=[-+]\d+$)")
 """A number with the exponent that Fortran prints."""
 
-_CHECK = re.compile(r"\*.{2,}")
-"""Check behind a number: 12.3*4F."""
+_CHECK = re.compile(r"\*.{2,}|;$")
+"""Check behind a number, 12.3*4F, or the end of a line."""
 
 
 def number_of(cell: str, *, decimal: bool = False) -> float | None:

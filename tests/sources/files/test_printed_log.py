@@ -47,6 +47,8 @@ FORMS: dict[str, str] = {
     "decimal comma": lines(CSV.replace(",", ";"), ";".join(NAMES) + "\n").replace(".", ","),
     "blanks": lines(CSV.replace(",", "  "), "  ".join(NAMES) + "\n"),
     "separator at the end": lines(CSV.replace("\n", ",\n"), ",".join(NAMES) + ",\n"),
+    "a mark at the end": lines(CSV.replace("\n", ";\n")),
+    "an address behind": lines(CSV.replace("\n", ",C2 @ C0:83:26:30:5A:4D\n"), ",".join(NAMES) + ",device\n"),
     "quoted": lines('"{}"' + ',"{}"' * 6 + "\n", ",".join(NAMES) + "\n"),
     "no header": lines(CSV),
     "first row cut": "0.1,9.8\n" + lines(CSV),
@@ -200,6 +202,12 @@ def test_two_devices_in_turn_are_two_tables_whatever_their_numbers(tmp_path: Pat
     blocks = [block for some in recording for block in some]
     assert recording.ledger["other_sensor"] == sum(map(len, blocks)) == 400
     assert blocks[0].stream.interval_s == pytest.approx(0.04)
+
+
+def test_coarse_numbers_of_a_sensor_do_not_divide_the_rows() -> None:
+    form = "{},{},{},{},{},{},{}"
+    rows = [f"{form.format(*row)},{300 + k * 5 % 7}\n" for k, row in enumerate(ROWS.tolist())]
+    assert len(tables(",".join(NAMES) + ",imu.magY\n" + "".join(rows))) == 1
 
 
 @pytest.mark.parametrize(
