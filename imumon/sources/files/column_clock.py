@@ -119,7 +119,9 @@ class ColumnClock:
         for text, factor in CLOCK_UNITS.items():
             if abs(float(np.ptp(best.present)) * factor / seconds - 1.0) < STATED_SHARE:
                 reason = f"{label_of(best)} runs as {label_of(stated)}"
-                return replace(use, columns=(best.index,), unit=text, known=known_unit(text, "t"), reason=reason)
+                return replace(
+                    use, columns=(best.index,), unit=text, known=known_unit(text, "t"), reason=reason
+                )
         return use
 
     def use_of(self, column: NamedColumn) -> Use:

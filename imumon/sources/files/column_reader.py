@@ -135,7 +135,7 @@ class _ColumnReader:
         self._taken = {k for use in self._given.values() for k in use.columns}
         self._triples = triples(columns)
         self._step_s: float | None = None
-        self._gravity, self._is_whole = "", False  # unit of an accelerometer of 1 g; it has whole numbers
+        self._gravity: Triple | None = None  # accelerometer of 1 g
 
     def reading(self) -> Reading:
         """Return the sensors, the time, and what is beside them."""
@@ -183,8 +183,7 @@ class _ColumnReader:
         """Return all gyroscopes and accelerometers that the columns not given by the user may be."""
         free = [t for t in self._triples if not self._taken & set(t.indices)]
         moving = [t for t in free if _moves(t)]
-        of_gravity = ((unit, t.counts) for t in moving if (unit := _unit_of_one_g(t)))
-        self._gravity, self._is_whole = next(of_gravity, ("", False))
+        self._gravity = next(filter(_unit_of_one_g, moving), None)
         uses = self._of_triples(moving)
         keys = {use.key for use in uses}
         if keys == {"accel"}:
@@ -246,9 +245,10 @@ class _ColumnReader:
 
     def _gyro(self, triple: Triple, *, named: bool) -> Use:
         """Return a gyroscope without a unit: in counts, unless its whole numbers are beside such of mg."""
-        if triple.counts and not (self._is_whole and self._gravity == "mg"):
+        beside = self._gravity
+        if triple.counts and not (beside is not None and beside.counts and _unit_of_one_g(beside) == "mg"):
             return _in_counts(triple, "gyro")
-        return _by_noise(triple, self._gravity, named=named)
+        return _by_noise(triple, beside, named=named)
 
     def _increments_of_gravity(self, triple: Triple, words: str) -> Use | None:
         """Return increments of velocity whose length over the interval is 1 g; None: it is not."""
@@ -454,7 +454,7 @@ class _ColumnReader:
         if key == "t":
             return self._clock.use_of(columns[0])
         if key in INERTIAL:
-            self._step_s, self._gravity, self._is_whole = None, "", False
+            self._step_s, self._gravity = None, None
             return replace(self._by_size(triple, key, delta=False, named=True), scale=scale)
         default = {"temperature": "degC", "dt": "s"}.get(key, "")
         return _use(
@@ -583,9 +583,13 @@ def _in_counts(triple: Triple, key: str) -> Use:
     return replace(_use(key, triple, "deg/s" if key == "gyro" else "g", reason, scale=0.0), known=None)
 
 
-def _by_noise(triple: Triple, beside: str, *, named: bool) -> Use:
-    """Return a gyroscope whose unit only its noise suggests, beside an accelerometer in a unit."""
-    unit, noise = unit_of_rate(triple.rows, beside), sample_noise(triple.rows)
+def _by_noise(triple: Triple, beside: Triple | None, *, named: bool) -> Use:
+    """Return a gyroscope whose unit only its noise suggests, beside an accelerometer of 1 g."""
+    noise = sample_noise(triple.rows)
+    of_accel, noise_beside = "", 0.0
+    if beside is not None and (in_accel := known_unit(of_accel := _unit_of_one_g(beside))) is not None:
+        noise_beside = sample_noise(beside.rows) * in_accel.factor
+    unit = unit_of_rate(triple.rows, of_accel, noise_beside)
     other = "rad/s" if unit != "rad/s" else "deg/s"
     known, of_other = known_unit(unit), known_unit(other)
     assert known is not None

@@ -34,6 +34,10 @@ BETWEEN_UNITS = 7e-3
 """Noise of a sample of a gyroscope, in its own unit, chosen: of consumer sensors, 0.06 deg/s
 and 1e-3 rad/s are usual."""
 
+BETWEEN_UNITS_BESIDE = 0.6
+"""Noise of a gyroscope, in its own unit, over that of the accelerometer beside it in m/s2, chosen: of sensors of one
+grade, 0.02 to 0.3 is usual in rad/s, and 1 to 17 in deg/s."""
+
 NOISIEST_DEG = 4.0
 """Noise of a sample that is no number of deg/s; mdeg/s or deg/h is proposed."""
 
@@ -126,17 +130,19 @@ def counts_of_gravity(size: float) -> float:
     return power if 64.0 <= power <= 65536.0 and abs(size / power - 1.0) < nearest else 0.0
 
 
-def unit_of_rate(rows: Floats, beside: str) -> str:
+def unit_of_rate(rows: Floats, beside: str, noise_beside: float) -> str:
     """Return the unit that the noise of a gyroscope at rest suggests.
 
     Parameters
     ----------
     beside : unit of the accelerometer beside it: programs write deg/s with g, and rad/s with m/s^2.
+    noise_beside : m/s2, of a sample of that accelerometer; 0.0: unknown.
     """
     noise = sample_noise(rows)
     if beside == "mg" and MILLIRADIANS[0] < noise < MILLIRADIANS[1]:
         return "mrad/s"
     if noise > NOISIEST_DEG:
         return "mdeg/s" if noise > 20.0 or beside == "mg" else "deg/h"
-    hint = {"g": 2.0, "mg": 2.0, "m/s^2": 0.6}.get(beside, 1.0)
-    return "deg/s" if noise * hint > BETWEEN_UNITS else "rad/s"
+    hint = {"g": 1.5, "mg": 1.5, "m/s^2": 0.7}.get(beside, 1.0)
+    between = BETWEEN_UNITS_BESIDE * noise_beside or BETWEEN_UNITS
+    return "deg/s" if noise * hint > between else "rad/s"

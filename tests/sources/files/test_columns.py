@@ -133,6 +133,18 @@ def test_a_gyroscope_without_a_unit_is_a_question_with_the_usual_one(scale: floa
     assert {*nameless.checked("a.csv", accept=True).layout().caveats} == {"assumed_columns", "assumed_unit"}
 
 
+@pytest.mark.parametrize("noise", [1e-4, 1e-3, 1e-2])
+@pytest.mark.parametrize("ratio", [0.03, 0.3])
+@pytest.mark.parametrize("gravity", [1.0, G])
+def test_the_accelerometer_shows_the_grade_of_a_gyroscope(noise: float, ratio: float, gravity: float) -> None:
+    """Quiet numbers in deg/s are those of noisy ones in rad/s, but an accelerometer of their grade differs."""
+    gyro = RNG.normal([0.004, -0.003, 0.002], noise, (2000, 3))
+    accel = RNG.normal([0.12, -0.23, 9.79], noise / ratio, (2000, 3)) / gravity
+    for unit, of_unit in (("rad/s", 1.0), ("deg/s", DEG)):
+        reading = read("t_ms,gx,gy,gz,ax,ay,az", 10 * STEP, gyro / of_unit, accel)
+        assert reading.uses[0].unit == unit
+
+
 @pytest.mark.parametrize("start", [1.7e9, 1.7e12, 1.7e15, 1.7e18])
 def test_a_clock_that_counts_from_1970_is_certain(start: float) -> None:
     unit = start / 1.7e9
