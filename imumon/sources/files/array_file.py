@@ -208,7 +208,8 @@ def _npy_arrays_in(
     # fields of records, and columns one behind the other
     array = np.frombuffer(file.read(), dtype).reshape(shape, order="F" if by_column else "C")
     if dtype.names and array.ndim == 1:
-        return {field: array[field] for field in dtype.names if dtype[field].kind in "iuf"}
+        # a field may be an array itself
+        return {field: array[field] for field in dtype.names if dtype[field].base.kind in "iuf"}
     return {name: array} if dtype.kind in "iuf" else {}
 
 

@@ -31,6 +31,11 @@ def fields() -> np.ndarray:
     return np.array([tuple(row) for row in ROWS], dtype=[(name, "f8") for name in names])
 
 
+def fields_of_axes() -> np.ndarray:
+    kinds = [("t", "f8"), ("gyro", "f8", 3), ("accel", "f8", (3,))]
+    return np.array([(row[0], row[1:4], row[4:]) for row in ROWS], dtype=kinds)
+
+
 def mat(path: Path, **arrays: Any) -> None:
     from scipy.io import savemat
 
@@ -85,6 +90,7 @@ WRITERS: dict[str, Callable[[Path], Any]] = {
         path, t=T, gyro=GYRO, accel=ACCEL, note=np.array([None, "a"], dtype=object)
     ),
     "fields.npy": lambda path: np.save(path, fields()),
+    "arrays_in_fields.npy": lambda path: np.save(path, fields_of_axes()),
     "transposed.npz": lambda path: np.savez(path, t=T, gyro_dps=GYRO.T / DEG, accel_g=ACCEL.T / G),
     "flat.mat": lambda path: mat(path, t=T, gyro=GYRO, accel=ACCEL, name="a"),
     "nested.mat": lambda path: mat(
