@@ -163,8 +163,9 @@ def _cell_form(body: Sequence[str]) -> tuple[str | None, bool] | None:
     # objects, of many numbers each
     if sum(line.lstrip().startswith("{") for line in body) >= REGULAR * len(body):
         return None
+    unquoted = [re.sub('"[^"]*"', "", line) for line in body]
     for separator in (";", "\t", ",", "|", None):
-        if separator is not None and sum(separator in line for line in body) < REGULAR * len(body):
+        if separator is not None and sum(separator in line for line in unquoted) < REGULAR * len(body):
             continue
         cells = _sample_cells(body[:200], separator)
         if cells is None:

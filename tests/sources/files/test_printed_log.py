@@ -148,6 +148,11 @@ def test_the_samples_of_a_record_are_rows(form: str) -> None:
     assert imbalance(ledger) == 0
 
 
+def test_a_separator_in_quotes_separates_no_cells() -> None:
+    text = "".join(f't,"{k}",x,"{"|".join(map(str, ROWS[k : k + 50, 4]))}"\n' for k in range(50))
+    assert tables(text + "end")[0].rows[0, 1:] == pytest.approx(ROWS[0:50, 4])
+
+
 def test_two_sensors_of_one_name_are_no_samples_of_one() -> None:
     text = "".join(f"t {t} acc: {a} {b} {c} acc: {b} {c} {a}\n" for t, _, _, _, a, b, c in ROWS.tolist())
     assert not tables(text + "end")[0].samples
