@@ -220,8 +220,10 @@ def _repeats(places: Mapping[str, Sequence[int]]) -> dict[str | None, int]:
 
 
 def _unit_behind(text: str) -> str:
-    """Return the unit at the begin of the text behind a number; empty: none is."""
-    word = re.match(r"[\s\"'§\])}]*([A-Za-z°µ%][^\s,;|)\]}\"'\n]*(?: (?:per|p) \w+)?)", text)
+    """Return the unit at the begin of the text behind a number, also in brackets of its line; empty: none is."""
+    word = re.match(
+        r"(?:[\s\"'§\])}]*|[ \t\"'\])}]*[\[(] *)([A-Za-z°µ%][^\s,;|)\]}\"'\n]*(?: (?:per|p) \w+)?)", text
+    )
     unit = "" if word is None else word[1].rstrip(".")
     return unit if known_unit(unit) is not None else ""
 

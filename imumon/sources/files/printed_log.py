@@ -120,6 +120,7 @@ class PrintedTable:
     lines : of a record.
     tail : lines of a record behind its last number, which the end of a text may lack.
     samples : places, in a record, of the numbers of each sample in it; empty: a record is a sample.
+    between : patterns of lines with numbers that come now and then between the records.
     """
 
     names: tuple[str, ...]
@@ -137,6 +138,7 @@ class PrintedTable:
     lines: int = 1
     tail: str = ""
     samples: tuple[tuple[int, ...], ...] = ()
+    between: tuple[str, ...] = ()
 
 
 def tables(head: str) -> list[PrintedTable]:
@@ -393,7 +395,7 @@ def _template_tables(lines: Sequence[str]) -> Iterator[PrintedTable]:
     for loose in (False, True):
         parsed = [_lexed(line, loose=loose) for line in lines]
         ids = [line.literals for line in parsed]
-        if (period := _period(ids)) is not None:
+        if (period := _period(ids) or _period(_without_rare(ids))) is not None:
             begin = _record_begin(lines, ids, period)
             yield from _template_table(lines, parsed, [begin], period)
             return
@@ -418,6 +420,23 @@ def _frequent_templates(ids: Sequence[tuple[str, ...]]) -> list[tuple[str, ...]]
     fewest = max(FREQUENT_LINES, FREQUENT * len(ids))
     frequent = [x for x, n in counts.most_common(MOST_CODES) if n >= fewest]
     return frequent if sum(counts[x] for x in frequent) >= 0.5 * sum(counts.values()) else []
+
+
+def _without_rare(ids: Sequence[tuple[str, ...]]) -> list[tuple[str, ...]]:
+    """Return the templates of lines without those between records, which come less than half as often as most."""
+    counts = Counter(ids)
+    fewest = 0.5 * float(np.median([n for n in counts.values() if n >= FREQUENT_LINES] or [0]))
+    return [x for x in ids if counts[x] >= fewest]
+
+
+def _between(parsed: Sequence[PrintedLine], record: Sequence[PrintedLine]) -> Iterator[str]:
+    """Yield the patterns of lines that come several times and begin as no line of a record: that would be damaged."""
+    begins = {line.literals[0] for line in record}
+    others = {line.literals: line for line in parsed if line.values and line.literals[0] not in begins}
+    counts = Counter(line.literals for line in parsed)
+    for literals, line in others.items():
+        if counts[literals] > 2:
+            yield _pattern([line], {})
 
 
 def _period(ids: Sequence[tuple[str, ...]]) -> int | None:
@@ -476,6 +495,7 @@ def _template_table(
         dates,
         lines=period,
         tail=tail,
+        between=tuple(_between(parsed, record)),
     )
     if samples and _are_of_one_sensor(table.rows, samples):
         return [replace(_by_samples(table, samples), pattern=pattern)]

@@ -75,7 +75,8 @@ class RecordReader:
         self._groups = [[sample[k] for k in self._columns] for sample in table.samples or (places,)]
         pattern = table.pattern or _cell_pattern(table, used)
         self._pattern = re.compile(pattern.encode(), re.MULTILINE)
-        self._others = [re.compile(other.pattern.encode(), re.MULTILINE) for other in others if other.pattern]
+        patterns = [*(other.pattern for other in others if other.pattern), *table.between]
+        self._others = [re.compile(pattern.encode(), re.MULTILINE) for pattern in patterns]
         self._rest, self._rest_lines = b"", 0  # of a record that has begun
         self.problem = ""
         self._read = self._invalid = 0

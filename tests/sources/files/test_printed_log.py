@@ -73,6 +73,11 @@ FORMS: dict[str, str] = {
     "bytes between": lines("t {} ms 0A 1F 00 3C gyro: {} {} {} acc: {} {} {}\n"),
     "places before": lines("T:\t{}\nGyro:\t[0] {}\n\t[1] {}\n\t[2] {}\nAcc:\t[0] {}\n\t[1] {}\n\t[2] {}\n"),
     "a list behind a number": lines("gyro t={}ns, ({}, {}, {})\nacc ({}, {}, {})\n"),
+    "lines now and then": "".join(
+        "T {}\nGyro: [ {} {} {} ]\nAcc: [ {} {} {} ]\n".format(*row)
+        + f"Mag\nField: [ {k} {k} {k} ]\n" * (k * k // 7 % 6 == 3)
+        for k, row in enumerate(ROWS.tolist())
+    ),
     "carriage returns": lines(CSV, ",".join(NAMES) + "\n").replace("\n", "\r\n"),
 }
 
@@ -178,6 +183,11 @@ def test_a_line_of_units_is_that_of_the_names(form: str) -> None:
     table = tables(FORMS[form])[0]
     units = ("" if form == "units above" else "ms", *("rad/s",) * 3, *("g",) * 3)
     assert (table.names, table.units) == (NAMES, units)
+
+
+def test_a_unit_in_brackets_behind_numbers_is_theirs() -> None:
+    text = lines("T: {} [ms]\nrate: [ {} {} {} ] [rad/s]\nacc: ( {} {} {} ) (g)\n", "ready\n")
+    assert tables(text)[0].units == ("ms", *("rad/s",) * 3, *("g",) * 3)
 
 
 def test_bars_may_be_around_the_cells() -> None:
