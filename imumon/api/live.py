@@ -104,7 +104,7 @@ class PushedTable(Table):
         stated = replace(options, columns=fields, units={})
         self._names, self._stated = names, stated
         reading = read_columns(names, (), np.empty((0, len(names))), stated)
-        self._order = self._begin(RowSource(INPUT, IN_MEMORY, names), reading.layout(), options)
+        self._columns = self._begin(RowSource(INPUT, IN_MEMORY, names), reading.layout(), options)
         self._pushed = 0
         self.origin_ns = origin_ns
         self._later_ns = 0  # by which the times of this table begin after those of the record
@@ -115,14 +115,14 @@ class PushedTable(Table):
         self._pushed += len(rows)
         if first == 1 and len(rows) >= FEWEST:  # an acceleration that is 1 g in another unit is refused
             read_columns(self._names, (), rows, self._stated)
-        chosen = np.ascontiguousarray(rows[:, self._order])
+        chosen = np.ascontiguousarray(rows[:, self._columns])
         self.fed += chosen.nbytes
         return self._since_origin(self._blocks(chosen, np.arange(first, self._pushed + 1)))
 
     def skip(self, count: int) -> None:
         """Note `count` more missing rows, after a block of them was pushed."""
         self._pushed += count
-        self._rows.skip(count)
+        self._skip(count)
 
     def end(self) -> list[SampleBlock]:
         """Return the samples that still wait."""
@@ -130,7 +130,7 @@ class PushedTable(Table):
 
     def _since_origin(self, blocks: list[SampleBlock]) -> list[SampleBlock]:
         """Return blocks whose times count from the first row of the record: a decoder counts from its first."""
-        first_ns = self._rows.origin_ns
+        first_ns = None if self._times is None else self._times.origin_ns
         if first_ns is not None and self.origin_ns is None:
             self.origin_ns = first_ns
         if first_ns is not None and self.origin_ns is not None:

@@ -135,10 +135,10 @@ class LogFile(Table):
         table_layout = replace(table_layout, remarks=(*notes, *table_layout.remarks))
         self._columns = table_layout.used
         self._names = [self._topic.columns[column.index] for column in self._columns]
-        source = RowSource(path, kind, title=f"{kind} {self._topic.name}")
+        names = list(map(plain, self._topic.columns))
+        source = RowSource(path, kind, names, f"{kind} {self._topic.name}")
         self.topic = self._topic.name if kind == "bag" else None
         self._begin(source, table_layout, options)
-        self._column_names = list(map(plain, self._topic.columns))
 
     @property
     def _topic(self) -> Topic:

@@ -10,21 +10,19 @@ of its rows, whoever reads them:
 5. Factors make the values SI. The placer of the stamps puts the samples on a grid, or a stream without a clock takes
    the lost samples from them (`timebase.stamp_placement`).
 
-`RowDecoder` goes this way and knows no file: names of columns and blocks of rows in, `SampleBlock` out. `Table` is the
-recording whose reader feeds it. A remark reports everything that is left out or assumed.
+`Table` goes this way and knows no form of files: columns and blocks of rows in, `SampleBlock` out. Its subclasses read
+the rows. A remark reports everything that is left out or assumed.
 
 Example: a gyroscope of which one sample is missing.
 
->>> from imumon.sources.files.column_reader import read_columns
->>> names = ["t [s]", "gyro_z [rad/s]"]
->>> rows = np.column_stack([np.arange(100) * 0.01, np.random.default_rng(0).normal(size=100)])
->>> rows[40, 1] = np.nan
->>> layout = read_columns(names, (), rows).layout()
->>> decoder = RowDecoder(RowSource("example", "npz", names), layout, rate_hz=None)
->>> blocks = [*decoder.feed(rows[:, decoder.columns], np.arange(1, 101)), *decoder.finish()]
+>>> from imumon.sources.files.array_table import ArrayTable
+>>> gyro = np.random.default_rng(0).normal(size=100)
+>>> gyro[40] = np.nan
+>>> table = ArrayTable({"t [s]": np.arange(100) * 0.01, "gyro_z [rad/s]": gyro}, ReadOptions())
+>>> blocks = [block for blocks in table for block in blocks]
 >>> sum(len(block.values) for block in blocks), sum(int(block.lost.sum()) for block in blocks)
 (99, 1)
->>> decoder.remarks[-1]
+>>> table.remarks[-1]
 '1 row lacks a number and counts as lost; first sample 41: gyro_z [rad/s]'
 """
 
@@ -35,7 +33,7 @@ from typing import Any
 
 import numpy as np
 
-from imumon.model.ledger import RECEIVED, ColumnUse, Ledger, merged
+from imumon.model.ledger import RECEIVED, Ledger, merged
 from imumon.model.samples import Floats, Ints, SampleBlock, Stream
 from imumon.sources.files.base import ReadOptions, Recording, RecordingError, RowSource
 from imumon.sources.files.columns import INCREMENTS, ColumnLayout
@@ -43,70 +41,36 @@ from imumon.sources.files.row_selection import RowOrder, RowSelection, counted
 from imumon.sources.files.table_clock import TableClock, TableTimes, clock_of
 
 
-class RowDecoder:
-    """Turns blocks of rows into blocks of samples: `feed` for each block of rows, then `finish`.
-
-    Parameters
-    ----------
-    source : of the rows.
-    table_layout : columns of the stream.
-    rate_hz : Hz, configured sample rate; None: not configured.
+class Table(Recording):
+    """Recording that is a table: its reader calls `_begin`, then `_blocks` for each block of rows, and `_finish`.
 
     Attributes
     ----------
-    columns : indices, in the table, of the columns that the rows must have, in this order.
-    fed : rows.
-    incomplete : rows that lacked a number and count as lost, also those that the reader reported as invalid.
-    ledger : what became of the rows that were fed and are no samples; those that the reader reported are in its own.
+    path : for messages.
     """
 
-    def __init__(self, source: RowSource, table_layout: ColumnLayout, rate_hz: float | None) -> None:
-        self._source, self._rate = source, rate_hz
+    path: str
+    _clock: TableClock | None = None  # None before the first rows
+    _stream: Stream | None = None
+    _order: RowOrder | None = None  # of a table with times
+    _waiting: Floats | None = None  # values until their stamps have been placed
+    _rows_fed = _lost_before = 0  # all rows, and those lost before the next one
+    _lacking, _first_lacking = 0, ""  # incomplete rows for the remark, and where the first is
+
+    def _begin(self, source: RowSource, table_layout: ColumnLayout, options: ReadOptions) -> list[int]:
+        """Prepare to read rows of some columns; return the indices of their columns in the table, in their order."""
+        self._source, self._rate = source, options.rate_hz
         self._selection = RowSelection(source, table_layout)
-        self.columns = [column.index for column in self._selection.columns]
-        self.fed = self.incomplete = 0
-        self._ledger = Ledger()
-        self._clock: TableClock | None = None  # None before the first rows
-        self._stream: Stream | None = None
-        self._lost_before = 0  # rows lost before the next one
-        self._order: RowOrder | None = None  # of a table with times
-        self._waiting: Floats | None = None  # values until their stamps have been placed
-        self._lacking, self._first_lacking = 0, ""  # incomplete rows for the remark, and where the first is
+        self._row_ledger = Ledger()
+        return [column.index for column in self._selection.columns]
 
-    @property
-    def _times(self) -> TableTimes | None:
-        return None if self._clock is None else self._clock.times
-
-    @property
-    def started(self) -> str | None:
-        """Date of the first row; None: its time shows none, or no row has been fed."""
-        return None if self._times is None else self._times.started
-
-    @property
-    def origin_ns(self) -> float | None:
-        """ns, time of the first row as the table has it, from which the times of blocks count; None: there is none."""
-        return None if self._times is None else self._times.origin_ns
-
-    @property
-    def caveats(self) -> tuple[str, ...]:
-        """What limits the meaning of the numbers, as in `Recording`."""
-        is_doubtful = self._clock is not None and self._clock.is_doubtful
-        return (*self._selection.caveats, *(["doubtful_rate"] if is_doubtful else []))
-
-    @property
-    def ledger(self) -> dict[str, int]:
-        """What became of the rows that are no samples, by reason."""
-        waiting = 0 if self._waiting is None else len(self._waiting)
-        waiting += 0 if self._order is None else self._order.waiting
-        return self._ledger.counts(pending=waiting, **self._selection.left_out)
-
-    def feed(self, rows: Floats, places: Ints) -> list[SampleBlock]:
+    def _blocks(self, rows: Floats, places: Ints) -> list[SampleBlock]:
         """Return the samples that some rows complete; the last rows may wait for the next ones.
 
         Parameters
         ----------
-        rows : (n, k) with `columns`; not finite is missing. May be changed. Column by column in memory, they take less
-            time: all that follows works on columns.
+        rows : (n, k) with the columns of `_begin`; not finite is missing. May be changed. Column by column in memory,
+            they take less time: all that follows works on columns.
         places : (n,) number of each row in its file, for messages; 0: the row has been reported.
 
         Raises
@@ -114,34 +78,56 @@ class RowDecoder:
         RecordingError : the numbers cannot have their unit, or the rows are in no order. RateRequired : there is no
             time and no rate.
         """
-        self.fed += len(rows)
+        self._rows_fed += len(rows)
         rows, numbers = self._selection.select(rows, places)
         if self._selection.started and self._order is None and self._layout.times:
             self._order = RowOrder(self._source.name, self._layout.used)
         if self._order is not None:
             rows, numbers = self._order.sort(rows, numbers)
-        return list(self._sorted_blocks(rows, numbers))
+        return self._noted(self._sorted_blocks(rows, numbers))
 
-    def skip(self, count: int) -> None:
+    def _skip(self, count: int) -> None:
         """Note `count` more rows without a number, after a block of such rows was fed."""
-        self.fed += count
+        self._rows_fed += count
         if self._clock is not None:  # rows before the first sample are no losses
-            self.incomplete += count
+            self.bad_checksums += count
             self._lost_before += count
             self._lacking += count
-        self._ledger.add("not_finite", count)
+        self._row_ledger.add("not_finite", count)
 
-    def finish(self) -> list[SampleBlock]:
-        """Return the samples that still wait, at the end of the table; raise a `RecordingError` as `feed`."""
-        return list(self._last_blocks())
+    def _finish(self) -> list[SampleBlock]:
+        """Return the samples that still wait, at the end of the table; raise a `RecordingError` as `_blocks`."""
+        return self._noted(self._last_blocks())
 
-    @property
-    def _layout(self) -> ColumnLayout:
-        return self._selection.layout
+    def _noted(self, blocks: Iterator[SampleBlock]) -> list[SampleBlock]:
+        """Return some blocks, after what their rows show is set on the recording."""
+        made = list(blocks)
+        selection, clock, times = self._selection, self._clock, self._times
+        unused = dict(selection.unused)
+        if clock is not None and clock.unused:
+            unused |= {column.index: clock.unused for column in self._layout.times}
+        self.columns = self._layout.account(self._source.column_names, unused)
+        waiting = (0 if self._waiting is None else len(self._waiting)) + (
+            0 if self._order is None else self._order.waiting
+        )
+        rows = self._row_ledger.counts(pending=waiting, **selection.left_out)
+        self.ledger = merged(self._line_ledger(), rows)
+        self.remarks = [*self._line_remarks(), *self._row_remarks()]
+        self.started = None if times is None else times.started
+        is_doubtful = clock is not None and clock.is_doubtful
+        self.caveats = (*selection.caveats, *(["doubtful_rate"] if is_doubtful else []))
+        return made
 
-    @property
-    def remarks(self) -> list[str]:
-        """What is not used of columns and rows so far, and what is assumed about units and stamps."""
+    def _line_ledger(self) -> Mapping[str, int]:
+        """Return what was received, and what became of rows and lines that were not fed as numbers."""
+        return {RECEIVED: self._rows_fed}
+
+    def _line_remarks(self) -> Sequence[str]:
+        """Return remarks on lines that are no rows."""
+        return ()
+
+    def _row_remarks(self) -> list[str]:
+        """Return what is not used of columns and rows so far, and what is assumed about units and stamps."""
         remarks = self._selection.remarks
         if self._lacking:
             rows = counted(self._lacking, "lacks a number and counts", "lack a number and count")
@@ -155,12 +141,13 @@ class RowDecoder:
             remarks.append(f"{text}: a gap of unknown length, counted as none")
         return remarks
 
-    def uses(self, names: Sequence[str]) -> tuple[ColumnUse, ...]:
-        """Return what became of each column of a table, by the names of all its columns."""
-        unused = dict(self._selection.unused)
-        if self._clock is not None and self._clock.unused:
-            unused |= {column.index: self._clock.unused for column in self._layout.times}
-        return self._layout.account(names, unused)
+    @property
+    def _times(self) -> TableTimes | None:
+        return None if self._clock is None else self._clock.times
+
+    @property
+    def _layout(self) -> ColumnLayout:
+        return self._selection.layout
 
     def _sorted_blocks(self, rows: Floats, places: Ints) -> Iterator[SampleBlock]:
         """Yield blocks of some rows in order, with the columns that are used."""
@@ -175,7 +162,7 @@ class RowDecoder:
         # lost rows belong to the sample after them, which may be in a later block
         lost = np.diff(kept, prepend=-1 - self._lost_before) - 1
         incomplete = len(rows) - len(kept)
-        self.incomplete += incomplete
+        self.bad_checksums += incomplete
         self._lost_before += incomplete - int(lost.sum())
         if not len(kept):
             return
@@ -226,10 +213,10 @@ class RowDecoder:
             self._first_lacking = f"{self._source.row} {places[k]}: {', '.join(missing)}"
         self._lacking += len(unreported)
         # text has an empty cell there, other forms NaN
-        self._ledger.add("not_numbers" if self._source.form == "csv" else "not_finite", len(unreported))
+        self._row_ledger.add("not_numbers" if self._source.form == "csv" else "not_finite", len(unreported))
 
     def _last_blocks(self) -> Iterator[SampleBlock]:
-        if self.fed and not self._selection.started:
+        if self._rows_fed and not self._selection.started:
             raise self._no_complete_row()
         self._selection.check()
         if self._order is not None:
@@ -266,48 +253,3 @@ class RowDecoder:
         if stream.clock != "dt" or self._layout.interval is None:
             return None
         return np.rint(rows[:, -1] * self._layout.interval.factor * 1e9).astype(np.int64)
-
-
-class Table(Recording):
-    """Recording that is a table: its reader calls `_begin`, then `_blocks` for its rows and `_finish`.
-
-    Attributes
-    ----------
-    path : for messages.
-    """
-
-    path: str
-
-    def _begin(self, source: RowSource, table_layout: ColumnLayout, options: ReadOptions) -> list[int]:
-        """Prepare to read rows of some columns; return the indices of their columns in the table."""
-        self._rows, self._column_names = (
-            RowDecoder(source, table_layout, options.rate_hz),
-            source.column_names,
-        )
-        return self._rows.columns
-
-    def _blocks(self, rows: Floats, places: Ints) -> list[SampleBlock]:
-        """Return the samples of some rows, as `RowDecoder.feed`."""
-        return self._noted(self._rows.feed(rows, places))
-
-    def _finish(self) -> list[SampleBlock]:
-        """Return the samples that still wait, as `RowDecoder.finish`."""
-        return self._noted(self._rows.finish())
-
-    def _noted(self, blocks: list[SampleBlock]) -> list[SampleBlock]:
-        """Return some blocks, after what their rows show is set on the recording."""
-        self.bad_checksums = self._rows.incomplete
-        self.columns = self._rows.uses(self._column_names)
-        self.ledger = merged(self._line_ledger(), self._rows.ledger)
-        self.remarks = [*self._line_remarks(), *self._rows.remarks]
-        self.started = self._rows.started
-        self.caveats = self._rows.caveats
-        return blocks
-
-    def _line_ledger(self) -> Mapping[str, int]:
-        """Return what was received, and what became of rows and lines that were not fed to the decoder as numbers."""
-        return {RECEIVED: self._rows.fed}
-
-    def _line_remarks(self) -> Sequence[str]:
-        """Return remarks on lines that are no rows."""
-        return ()
