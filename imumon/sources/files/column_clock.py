@@ -20,9 +20,10 @@ from imumon.model.cures import option, option_text
 from imumon.model.samples import INERTIAL
 from imumon.model.units import DAY
 from imumon.sources.files.base import ReadOptions, RecordingError, different_rates, not_in_order
-from imumon.sources.files.column_names import COUNTER, FEWEST, TIME, NamedColumn, label_of, names_sensor
+from imumon.sources.files.column_names import COUNTER, TIME, NamedColumn, label_of, names_sensor
 from imumon.sources.files.columns import SINCE_1970_S, Use, factors_of, reference
 from imumon.sources.files.row_selection import WINDOW
+from imumon.sources.files.sizes_at_rest import FEWEST
 from imumon.sources.files.unit_grammar import POSSIBLE_HZ, StatedRate, Unit, known_unit
 
 USUAL_HZ, TYPICAL_HZ = (0.5, 9000.0), 150.0

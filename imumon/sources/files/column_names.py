@@ -12,11 +12,8 @@ import numpy as np
 
 from imumon.model.report_json import plain
 from imumon.model.samples import AXES, INERTIAL, Floats, Kind
+from imumon.sources.files.sizes_at_rest import FEWEST, have_one_noise
 from imumon.sources.files.unit_grammar import Unit, known_unit
-
-FEWEST = 8
-"""Rows from which numbers show anything."""
-
 
 ANGULAR = re.compile(
     r"gyr|angular|omega|(?:^| )(?:ang ?vel|w|wb|g|rate|rates|pqr|fog|turn|omg|rotation|rot|roll ?rate)(?: |$)"
@@ -273,7 +270,7 @@ _ELEMENT = re.compile(r"(.*?)(?:\[\d+\]|\.\d+|\d*)")
 
 
 def _unnamed(columns: Sequence[NamedColumn]) -> Iterator[Triple]:
-    """Yield the triples of neighbours that have no name, are elements of one list, or have one sensor in their names.
+    """Yield the triples of neighbours that are elements of one list, have one sensor in their names, or one noise.
 
     Their order is that of the axes, which nothing states.
     """
@@ -285,7 +282,8 @@ def _unnamed(columns: Sequence[NamedColumn]) -> Iterator[Triple]:
         stems = {match[1] for match in elements if match is not None}
         common = _common_words([words_of(c.base).split() for c in three])
         adjacent = three[2].index - three[0].index == 2 and not any(c.rises for c in three)
-        if adjacent and (len(stems) == 1 or names_sensor(common)):
+        is_sensor = have_one_noise([c.values for c in three]) if stems == {""} else len(stems) == 1
+        if adjacent and (is_sensor or names_sensor(common)):
             stem = stems.pop() if len(stems) == 1 else common
             yield Triple(tuple(three), AXES, stem, guessed=True)
             k += 3

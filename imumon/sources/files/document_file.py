@@ -19,7 +19,8 @@ import numpy as np
 
 from imumon.model.samples import Floats
 from imumon.sources.files.base import LONGEST_LINE
-from imumon.sources.files.column_names import FEWEST, names_sensor
+from imumon.sources.files.column_names import names_sensor
+from imumon.sources.files.sizes_at_rest import FEWEST
 
 MOST_DOCUMENT = 1 << 25
 """Bytes of an object of JSON, of which all is in memory: 20 times as much at worst. A longer one is read as text."""

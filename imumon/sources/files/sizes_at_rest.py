@@ -7,13 +7,16 @@ says nothing of the unit; what a sample adds to it does: N * sqrt(bandwidth) is 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 
 from imumon.model.samples import Floats
 from imumon.model.units import STANDARD_GRAVITY
-from imumon.sources.files.column_names import FEWEST
 from imumon.sources.files.unit_grammar import known_unit
+
+FEWEST = 8
+"""Rows from which numbers show anything."""
 
 ONE_G = (0.8, 1.25)
 """Sizes of an acceleration that may be one g, in g: the errors of scale and bias of an accelerometer are smaller."""
@@ -48,6 +51,9 @@ MILLIRADIANS = (0.4, 8.0)
 DIRECTION = 0.02
 """Ratio of the noise of a length to that of its axes, below which it is one by definition."""
 
+MOST_APART = 10.0
+"""Ratio of the noise of two axes of one sensor at most, chosen."""
+
 FAR = 6.0
 """Standard errors by which the means or the noise of two sensors differ, chosen."""
 
@@ -63,6 +69,12 @@ def sample_noise(rows: Floats) -> float:
     # 0.6745: the median of |normal|
     spread = np.median(np.abs(np.diff(valid, n=3, axis=0)), axis=0) / (0.6745 * 20.0**0.5)
     return float(np.median(spread))
+
+
+def have_one_noise(axes: Sequence[Floats]) -> bool:
+    """Return whether the noise of some (n,) numbers is of one size, as that of the axes of a sensor; 0.0 may be any."""
+    noise = [sample_noise(axis[:, None]) for axis in axes]
+    return max(noise) <= MOST_APART * min(noise) or min(noise) == 0.0
 
 
 def is_direction(rows: Floats) -> bool:

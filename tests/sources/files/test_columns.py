@@ -231,6 +231,13 @@ def test_samples_one_behind_the_other_in_a_record_are_no_sensor() -> None:
     assert raised.value.code == "no_sensor"
 
 
+def test_columns_without_names_are_divided_where_the_noise_changes() -> None:
+    """An orientation of four numbers is before the sensors, so that they begin at any column."""
+    attitude = RNG.normal([0.1, 0.2, 0.3, 0.9], 1e-6, (2000, 4))
+    reading = read(",,,,,,,,,,", 1.7e18 + 1e7 * STEP, attitude, GYRO, ACCEL)
+    assert reading.map == "gyro=6,7,8:rad/s,accel=9,10,11:m/s^2,t=1:ns"
+
+
 def test_names_that_differ_only_by_the_unit_are_two_sensors() -> None:
     names = "t [s],S X [g],S Y [g],S Z [g],S X [deg/s],S Y [deg/s],S Z [deg/s]"
     reading = read(names, STEP * 0.01, ACCEL / G, GYRO / DEG)
