@@ -171,7 +171,7 @@ def _without_brackets(text: str) -> tuple[str, str]:
     stated = ""
     for match in list(_BRACKETS.finditer(text))[::-1]:
         inside = next((part for part in match.groups() if part is not None), "").strip()
-        if re.fullmatch("[0-8]", inside):
+        if re.fullmatch("[0-8xyzXYZ]", inside):
             continue
         known = known_unit(inside) is not None
         if _NO_UNIT.fullmatch(inside) and not known:

@@ -214,6 +214,9 @@ class _ColumnReader:
         if quantity is not None:
             return self._stated(triple, quantity)
         key = inertial_sensor_of(words)
+        # the letter is of both sensors: of the only one of 1 g, it is the unit
+        if words.strip() == "g" and self._gravity is None and "g" in units_of_gravity(triple.size):
+            return replace(_by_gravity(triple, named=False), certain=False)
         if triple.unit:
             return self._of_unknown_unit(triple, key) if key else None
         if key or units_of_gravity(triple.size):
@@ -225,11 +228,11 @@ class _ColumnReader:
         return self._gyro(triple, named=False)
 
     def _words(self, triple: Triple) -> str:
-        """Return the words of a triple; if they say no sensor, or both, that which the text before the table says."""
+        """Return the words of a triple; if they say both sensors, or none says one, that of the text before the table."""
         if ANGULAR.search(triple.words) and LINEAR.search(triple.words) and not OTHER.search(triple.words):
             return self._hint
-        says_none = re.fullmatch(r"(?:axis|3 ?dof|value|values|raw|data|\d| )*", triple.words)
-        return f"{triple.words} {self._hint}" if says_none else triple.words
+        is_named = any(names_sensor(t.stem) for t in self._triples)
+        return triple.words if is_named else f"{triple.words} {self._hint}"
 
     def _by_size(self, triple: Triple, key: str, *, delta: bool, named: bool) -> Use:
         """Return a sensor without a unit, in the one that its size shows or suggests."""

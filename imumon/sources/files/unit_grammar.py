@@ -40,7 +40,7 @@ _WORDS = {
     "length": {"m": 1.0, "ft": 0.3048},
     "time": {"s": 1.0, "min": 60.0, "h": 3600.0, "day": 86400.0, "nano": 1e-9},
     "accel": {"g": STANDARD_GRAVITY, "gal": 1e-2},
-    "gyro": {"dps": math.radians(1.0), "rps": 1.0, "dph": math.radians(1.0 / 3600.0), "rpm": math.pi / 30.0},
+    "gyro": {"dps": math.radians(1.0), "rps": 1.0, "dph": math.radians(1.0 / 3600.0)},
     "mag": {"gauss": 1.0, "t": 1e4},
     "temperature": {"degc": 1.0, "c": 1.0, "k": 1.0},
     "pressure": {"pa": 1e-3, "bar": 1e2},

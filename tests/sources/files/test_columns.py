@@ -215,6 +215,23 @@ def test_a_unit_that_physics_contradicts_is_a_question() -> None:
     assert not read("t_ms,ax [m/s^2],ay [m/s^2],az [m/s^2]", 10 * STEP, ACCEL / G).certain
 
 
+def test_an_axis_in_brackets_is_no_unit_and_the_letter_g_is_of_both_sensors() -> None:
+    assert read("t_ms,G(x),G(y),G(z)", 10 * STEP, GYRO / DEG).uses[0].key == "gyro"
+    reading = read("t_ms,G(x),G(y),G(z)", 10 * STEP, ACCEL / G)
+    assert (reading.uses[0].key, reading.uses[0].unit, reading.certain) == ("accel", "g", False)
+
+
+@pytest.mark.parametrize("name", ["x_speed,y_speed,z_speed", "x,y,z"])
+def test_the_text_before_a_table_says_the_sensor_if_no_name_does(name: str) -> None:
+    reading = read_columns(f"t_ms,{name}".split(","), (), np.column_stack([10 * STEP, GYRO]), source="gyro 1")
+    assert reading.uses[0].key == "gyro"
+
+
+def test_the_speed_of_an_engine_is_no_gyroscope() -> None:
+    reading = read("t_ms,ax_g,ay_g,az_g,Engine Speed(rpm)", 10 * STEP, ACCEL / G, 800.0 + GYRO[:, 0])
+    assert [use.key for use in reading.uses] == ["accel", "t"]
+
+
 def test_constant_columns_and_orientations_are_no_sensor() -> None:
     orientation = "roll [deg],pitch [deg],yaw [deg]"
     names = f"t_ms,{orientation},gx [dps],gy [dps],gz [dps]"
