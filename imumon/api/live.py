@@ -47,8 +47,8 @@ from imumon.record import RecordOptions
 from imumon.record.record import SavedRecord
 from imumon.sources.files.array_table import IN_MEMORY, INPUT, float_array
 from imumon.sources.files.base import ROWS, OptionError, ReadOptions, RecordingError, RowSource, Samples
-from imumon.sources.files.column_names import FEWEST
 from imumon.sources.files.column_reader import read_columns
+from imumon.sources.files.sizes_at_rest import FEWEST
 from imumon.sources.files.table import Table
 
 

@@ -228,7 +228,7 @@ class _ColumnReader:
         return self._gyro(triple, named=False)
 
     def _words(self, triple: Triple) -> str:
-        """Return the words of a triple; if they say both sensors, or none says one, that of the text before the table."""
+        """Return the words of a triple; those of the text before the table if they say both sensors, or no name one."""
         if ANGULAR.search(triple.words) and LINEAR.search(triple.words) and not OTHER.search(triple.words):
             return self._hint
         is_named = any(names_sensor(t.stem) for t in self._triples)
@@ -274,11 +274,12 @@ class _ColumnReader:
             return _rates_in_angles(triple) if quantity == "angle" and ANGULAR.search(words) else None
         kind = "deltas" if quantity in INCREMENTS.values() else kind_of(triple.words)
         named = inertial_sensor_of(triple.words)
-        certain = named in ("", key)
+        # one number of that unit may be any speed: its name says that it is of a sensor
+        certain = named == key or (not named and (len(triple.axes) == len(AXES) or self._hint == key))
         reason = (
             "its unit is stated"
             if certain
-            else f"{triple.label} have the unit {unit}, and the name of {named}"
+            else f"{triple.label} have the unit {unit}, and the name of {named or 'no sensor'}"
         )
         use = _use(key, triple, unit, reason, certain=certain, kind=kind)
         assert use.known is not None

@@ -230,6 +230,8 @@ def test_the_text_before_a_table_says_the_sensor_if_no_name_does(name: str) -> N
 def test_the_speed_of_an_engine_is_no_gyroscope() -> None:
     reading = read("t_ms,ax_g,ay_g,az_g,Engine Speed(rpm)", 10 * STEP, ACCEL / G, 800.0 + GYRO[:, 0])
     assert [use.key for use in reading.uses] == ["accel", "t"]
+    for name, certain in (("steering [deg/s]", False), ("rate [deg/s]", True)):
+        assert read(f"t_ms,{name}", 10 * STEP, GYRO[:, 0] / DEG).certain == certain
 
 
 def test_constant_columns_and_orientations_are_no_sensor() -> None:
