@@ -19,7 +19,6 @@ from typing import Any
 
 import numpy as np
 
-from imumon.model.cures import option_text
 from imumon.model.report_json import plain
 from imumon.model.samples import AXES, Floats, SampleBlock
 from imumon.sources.files.base import ROWS, ReadOptions, RecordingError, RowSource
@@ -135,12 +134,9 @@ def _columns_of_one_length(
 ) -> tuple[list[ArrayColumn], Reading]:
     """Return the columns that have a sensor and one length, and what they are."""
     lengths = Counter(column.length for column in columns if column.length > 1)
-    if columns and not lengths:
+    if not lengths:
         raise RecordingError("no_rows", "it has no samples", "give arrays with samples")
-    listed = ", ".join(f"{column.name} {column.length:,}" for column in columns[:LISTED])
-    text = f"no array is that of a gyroscope or accelerometer; there are {listed or 'none'}"
-    cure = f"name them, {option_text(columns={'gyro': 'COLUMN,COLUMN,COLUMN:UNIT'})}"
-    faults = [RecordingError("no_sensor", text, cure)]
+    faults: list[RecordingError] = []
     for length, _ in lengths.most_common():
         some = [column for column in columns if column.length == length]
         rows = _rows(some[:MOST_COLUMNS], 0, min(length, HEAD_ROWS))
@@ -154,6 +150,7 @@ def _columns_of_one_length(
         remark = f"{', '.join(others[:LISTED])} not used: of another length"
         return some, replace(reading, remarks=(*reading.remarks, remark)) if others else reading
     if len(lengths) > 1 and any(fault.code == "unknown_column" for fault in faults):
+        listed = ", ".join(f"{column.name} {column.length:,}" for column in columns[:LISTED])
         text = f"its arrays have different lengths: {listed}"
         raise RecordingError("array_lengths", text, "save arrays of one length")
     # that which says most of why no length has a sensor

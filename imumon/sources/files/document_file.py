@@ -18,7 +18,8 @@ from typing import Any
 import numpy as np
 
 from imumon.model.samples import Floats
-from imumon.sources.files.base import LONGEST_LINE
+from imumon.sources.files.array_table import float_array
+from imumon.sources.files.base import LONGEST_LINE, RecordingError
 from imumon.sources.files.column_names import names_sensor
 from imumon.sources.files.sizes_at_rest import FEWEST
 
@@ -89,13 +90,9 @@ def _is_indexed_column(value: Mapping[str, Any]) -> bool:
 
 def _numbers(value: Any) -> Floats | None:
     """Return the number or the array of numbers that a value is; None: it is none."""
-    if isinstance(value, np.ndarray):
-        return value if value.dtype.kind in "iuf" else None
-    if isinstance(value, bool) or not isinstance(value, int | float | list):
-        return None
     try:
-        return np.array(value, np.float64)
-    except (ValueError, TypeError):  # of texts, objects, or rows of different lengths
+        return float_array("", value)
+    except RecordingError:  # of texts, objects, or rows of different lengths
         return None
 
 
