@@ -30,7 +30,6 @@ from imumon.sources.files.array_table import HEAD_ROWS
 from imumon.sources.files.base import (
     SQLITE,
     OptionError,
-    OptionNotApplicable,
     ReadOptions,
     RecordingError,
     RowSource,
@@ -76,17 +75,12 @@ def log_kind(path: str, head: bytes) -> str | None:
     return next((kind for magic, kind in MAGIC.items() if head.startswith(magic)), None)
 
 
-def _definitions(options: ReadOptions, kind: str) -> list[str]:
-    """Return the path of definitions as an argument; raise `OptionError` if it cannot be used."""
-    path = options.definitions
-    if path is None:
-        return []
-    name = option("definitions")
-    if kind != "bag":
-        raise OptionNotApplicable("msg_not_applicable", f"{name} is for bags of ROS", "leave it out")
-    if not os.path.exists(path):
-        raise OptionError("no_such_file", f"no file or directory {path} for {name}", "check its name")
-    return [path]
+def _definitions(path: str | None) -> list[str]:
+    """Return the path of definitions as an argument, if one is given; raise `OptionError` if there is no such file."""
+    if path is not None and not os.path.exists(path):
+        text = f"no file or directory {path} for {option('definitions')}"
+        raise OptionError("no_such_file", text, "check its name")
+    return [] if path is None else [path]
 
 
 class LogFile(Table):
@@ -107,7 +101,7 @@ class LogFile(Table):
         self._pipe, other_end = Pipe()
         with other_end:
             self._process = Popen(
-                [*PROGRAM, kind, path, str(other_end.fileno()), *_definitions(options, kind)],
+                [*PROGRAM, kind, path, str(other_end.fileno()), *_definitions(options.definitions)],
                 pass_fds=[other_end.fileno()],
                 stdin=DEVNULL,
                 stdout=DEVNULL,

@@ -135,7 +135,7 @@ def open_recording(path: str, options: ReadOptions) -> Recording:
     _check_not_kept(path, head)
     # the first bytes of logs and arrays are certain; text comes last, as everything may look like it
     if (kind := log_kind(path, head)) is not None:
-        _refuse(path, options, "where")
+        _refuse(path, options, "where", *([] if kind == "bag" else ["definitions"]))
         return LogFile(path, kind, options)
     _refuse(path, options, "definitions")
     if (arrays := read_arrays(path, head)) is not None:
