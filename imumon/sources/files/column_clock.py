@@ -157,9 +157,6 @@ class ColumnClock:
             return column.unit
         middle, step = float(np.median(column.present)), typical_step(column.present)
         for text, factor in SINCE_UNITS.items():
-            # `s` may be any quantity
-            if text != "s" and column.words == text and _is_possible(step * factor):
-                return text
             if SINCE_1970_S[0] <= middle * factor < SINCE_1970_S[1] and _is_possible(step * factor):
                 return text
         return ""
@@ -167,8 +164,6 @@ class ColumnClock:
     def _may_be_clock(self, column: NamedColumn) -> bool:
         """Return whether a column may be the time, by its numbers, its name and its unit."""
         if not (column.rises or column.index in self._dates) or not shows_rate(column.present):
-            return False
-        if re.search(r"^(?:dt|delta time|week|gps week)$|leap", column.words):
             return False
         step = typical_step(column.present)
         if column.known is not None:
@@ -193,8 +188,6 @@ class ColumnClock:
             "tick" in column.words,  # of a length of its own
             not re.search(r"startup|sample|sensor|device|boot|chip", column.words),
             bool(re.search(r"host|system|app|log|recv|receive|arrival|gps|utc", column.words)),
-            not column.words,
-            column.index,
         )
 
     def _is_of_other(self, column: NamedColumn) -> bool:

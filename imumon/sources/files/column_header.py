@@ -61,7 +61,7 @@ def _whole_names(names: Sequence[str], groups: Sequence[str]) -> Sequence[str]:
         names = [f"{group} {name}".strip() for group, name in zip(_spread(groups), names, strict=True)]
     # a name may span the columns of its axes, which are empty or have a number
     spanned = ["" if re.fullmatch(r"\d", name) else name for name in names]
-    return elements(_spread(spanned)) if "" in spanned[1:-1] and any(spanned) else names
+    return elements(_spread(spanned)) if "" in spanned[1:-1] else names
 
 
 _LISTED = re.compile(r"(?:col[a-z]*|ch[a-z]*|field)?\s*\d+\s*[:.)=-]+\s*([^\W\d].*)", re.IGNORECASE)
@@ -83,8 +83,7 @@ def listed_names(above: Sequence[str], width: int) -> list[str]:
 
 def _are_pairs(cells: Sequence[str]) -> bool:
     """Return whether every second cell has one word, so that those between are what it says of a channel each."""
-    words = set(cells[::2])
-    return len(cells) > 2 and len(cells) % 2 == 0 and len(words) == 1 and are_names([*words])
+    return len(cells) > 2 and len(set(cells[::2])) == 1
 
 
 def _named_line(lines: Sequence[Sequence[str]]) -> tuple[int, Sequence[str]]:

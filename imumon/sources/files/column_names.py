@@ -12,7 +12,7 @@ import numpy as np
 
 from imumon.model.report_json import plain
 from imumon.model.samples import AXES, INERTIAL, Floats, Kind
-from imumon.sources.files.sizes_at_rest import FEWEST, have_one_noise
+from imumon.sources.files.sizes_at_rest import FEWEST, have_one_noise, median_size
 from imumon.sources.files.unit_grammar import Unit, known_unit
 
 ANGULAR = re.compile(
@@ -209,9 +209,7 @@ class Triple:
     @property
     def size(self) -> float:
         """Median length."""
-        rows = self.rows
-        whole = rows[np.isfinite(rows).all(axis=1)]
-        return float(np.median(np.linalg.norm(whole, axis=1))) if len(whole) else 0.0
+        return median_size(self.rows) or 0.0
 
     @property
     def unit(self) -> str:

@@ -36,7 +36,7 @@ Samples: TypeAlias = tuple[Mapping[str, int], ...]
 
 def number_labels(record: Sequence[PrintedLine]) -> tuple[tuple[str, ...], tuple[str, ...], Samples]:
     """Return a name and a unit for each number of a record, by the text between the numbers, and its samples."""
-    labels = _Labels(any(_unit_behind(line.literals[-1]) for line in record))
+    labels = _Labels()
     tail = ""  # text behind the last number of the lines before
     texts: list[str] = []  # of each line with numbers, with the lines without any before it
     for line in record:
@@ -65,10 +65,8 @@ class _Labels:
     section : words before a bare axis.
     base, index : name of a list, and place of its last element.
     was_assigned : an equals sign is before the last number.
-    has_units_behind : a unit is behind the last number of a line, so that words between numbers may be units, too.
     """
 
-    has_units_behind: bool
     names: list[str] = field(default_factory=list)
     units: list[str] = field(default_factory=list)
     sections: list[str] = field(default_factory=list)
@@ -107,8 +105,6 @@ class _Labels:
         """Return a text without the unit of the number before it, which is stated."""
         behind = _unit_behind(text) if self.names else ""
         end = text.find(behind) + len(behind)
-        if text[:1].isspace() and not text[end:].strip() and not self.has_units_behind:
-            return text  # the label of the number behind it
         self.state_unit_behind(behind)
         return text[end:]
 
@@ -133,7 +129,7 @@ class _Labels:
         self.index += 1
         if not self.base:
             return ""
-        if self.index == 1 and self.names and self.names[-1] == self.base:
+        if self.index == 1 and self.names[-1] == self.base:
             self.names[-1] = f"{self.base}[0]"
         return f"{self.base}[{self.index}]"
 
