@@ -8,14 +8,11 @@ row. JSON without ends of lines is divided between its objects.
 from __future__ import annotations
 
 import codecs
-import os
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import replace
 
-from imumon.model.cures import option_text
 from imumon.model.ledger import Ledger, merged
-from imumon.model.samples import INERTIAL, SampleBlock
+from imumon.model.samples import SampleBlock
 from imumon.sources.files.base import (
     HEAD_LINES,
     LONGEST_LINE,
@@ -25,9 +22,6 @@ from imumon.sources.files.base import (
     RecordingError,
     RowSource,
 )
-from imumon.sources.files.column_reader import read_columns
-from imumon.sources.files.columns import Reading, Use, parse_map
-from imumon.sources.files.formats import known_format
 from imumon.sources.files.printed_log import (
     TOO_LONG_BYTES,
     PrintedTable,
@@ -37,8 +31,8 @@ from imumon.sources.files.printed_log import (
 from imumon.sources.files.raw_capture import RawCapture
 from imumon.sources.files.record_reader import RecordReader, line_kind
 from imumon.sources.files.table import Table
-from imumon.sources.files.text_cells import decoded, number_of
-from imumon.sources.files.unit_grammar import Unit
+from imumon.sources.files.table_choice import chosen_table
+from imumon.sources.files.text_cells import decoded
 
 SHOWN_BYTES = 1 << 17
 """Bytes at the start of a text from which its form is found, and the rest of their chunk: half a minute of samples."""
@@ -65,7 +59,6 @@ class TextFile(Table):
         self._capture, self._options, self.path = capture, options, capture.path
         self._lines = Ledger()
         self._reader: RecordReader | None = None
-        self._others: list[PrintedTable] = []
 
     def __iter__(self) -> Iterator[list[SampleBlock]]:
         blocks = self._line_blocks()
@@ -114,7 +107,7 @@ class TextFile(Table):
             printed = tables(text)
             if not printed:
                 raise RecordingError("no_rows", "it has no records with numbers", COMPLETE)
-            table, reading = self._chosen(printed, text)
+            table, reading = chosen_table(printed, text, self._options, self.path)
         except RecordingError as error:
             are_hexadecimal = 10 * len(HEXADECIMAL.findall(text)) > text.count("\n")
             if error.code in ("no_rows", "no_sensor") and are_hexadecimal:
@@ -129,68 +122,6 @@ class TextFile(Table):
             self.path, table, columns, [each for each in printed if each is not table]
         )
         return table
-
-    def _chosen(self, printed: Sequence[PrintedTable], text: str) -> tuple[PrintedTable, Reading]:
-        """Return the table that is read, and what its columns are."""
-        wanted = self._options.where or {}
-        labels = [_labels(k, each) for k, each in enumerate(printed)]
-        places = [k for k, of in enumerate(labels) if _are_chosen(of, wanted)]
-        if not places:
-            listed = ", ".join(code for each in printed for _, code in each.codes)
-            message = f"no row of the first has {option_text(where=wanted)}"
-            raise RecordingError("no_such_rows", message, f"there are {listed or 'no such columns'}")
-        readings = self._readings({k: printed[k] for k in places}, text)
-        sensors = {k: [use.key for use in each.uses if use.key in INERTIAL] for k, each in readings.items()}
-        best = min(readings, key=lambda k: (len(sensors[k]) < len(INERTIAL), "gyro" not in sensors[k], k))
-        if len(readings) == 1 or wanted:
-            return printed[best], readings[best]
-        choices = {k: _choice(k, printed, [*readings]) for k in readings}
-        texts = {k: f"{option_text(where=choice)} ({'+'.join(sensors[k])})" for k, choice in choices.items()}
-        others = ", ".join(text for k, text in texts.items() if k != best)
-        reason = (
-            f"the rows are of several sensors: {option_text(where=choices[best])} is proposed; others are "
-        )
-        known = Unit("rows", 1.0)
-        question = Use("rows", known=known, reason=reason + others, assumptions=("assumed_columns",))
-        where = tuple(choices[best].items())
-        return printed[best], replace(readings[best], uses=(*readings[best].uses, question), where=where)
-
-    def _readings(self, wanted: Mapping[int, PrintedTable], text: str) -> dict[int, Reading]:
-        """Return what the columns of tables are, of those that have a sensor; raise `RecordingError` if none has."""
-        readings: dict[int, Reading] = {}
-        faults: list[RecordingError] = []
-        for k, table in wanted.items():
-            try:
-                readings[k] = self._reading(table, text)
-            except RecordingError as error:
-                faults.append(error)
-        if not readings:
-            raise max(faults, key=lambda error: error.code != "no_sensor")
-        return readings
-
-    def _reading(self, table: PrintedTable, text: str) -> Reading:
-        """Return what the columns of a table are, with what is known of its format."""
-        options, names = self._options, table.names
-        top = "\n".join(text.split("\n", table.begin + 3)[: table.begin + 3])
-        known = known_format(top, names)
-        if known is not None and (not known.columns or len(names) >= len(known.columns)):
-            if known.columns:
-                kept = len(names) - len(known.columns)
-                names = (*(name or f"column {k + 1}" for k, name in enumerate(names[:kept])), *known.columns)
-            stated = parse_map(known.filled_map(top)) if known.map else {}
-            options = replace(
-                options, columns=stated | dict(options.columns or {}), units={**known.units, **options.units}
-            )
-        place = f"{table.source} {os.path.basename(self.path).partition('.')[0]}"
-        return read_columns(
-            names,
-            table.units,
-            table.rows,
-            options,
-            source=place,
-            rate=table.rate,
-            dates=table.dates,
-        )
 
     # ------------------------------------------------------------ lines
 
@@ -257,36 +188,6 @@ class TextFile(Table):
 
     def no_samples(self) -> RecordingError:
         return RecordingError("no_rows", f"{self.path} has no row of numbers", COMPLETE)
-
-
-def _labels(place: int, table: PrintedTable) -> dict[str, str]:
-    """Return by which column and value the rows of a table are chosen, the best last."""
-    labels = {"table": str(place + 1)}
-    for k, code in table.codes[::-1]:
-        labels |= {str(k + 1): code, table.names[k].strip() or str(k + 1): code}
-    return labels
-
-
-def _choice(place: int, printed: Sequence[PrintedTable], places: Sequence[int]) -> dict[str, str]:
-    """Return by which columns and values one of some tables is chosen."""
-    codes = {
-        printed[place].names[k].strip() or str(k + 1): code
-        for k, code in printed[place].codes
-        if any((k, code) not in printed[other].codes for other in places)
-    }
-    return codes or {"table": str(place + 1)}
-
-
-def _are_chosen(labels: Mapping[str, str], wanted: Mapping[str, str]) -> bool:
-    return all(_same(labels.get(column), value) for column, value in wanted.items())
-
-
-def _same(value: str | None, other: str) -> bool:
-    """Return whether two values of a code are the same text or number."""
-    if value is None or value.lower() == other.lower():
-        return value is not None
-    number = number_of(value)
-    return number is not None and number == number_of(other)
 
 
 def _has_joined_objects(head: bytes) -> bool:
