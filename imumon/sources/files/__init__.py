@@ -10,6 +10,7 @@ text_cells        cells of a line, and the number in each
 column_header     names and units of columns, by the lines above
 number_labels     names of numbers, by the text before them
 record_reader     numbers of the records of a text, in bulk
+table_choice      which table of a text is read, and what its columns are
 columns           which number is which channel, in which unit, and how certain that is
 column_names      quantity, axis and kind in the name of a column
 unit_grammar      units: prefix, base, power, per

@@ -48,6 +48,77 @@ def _arrow() -> Any:
     return pyarrow
 
 
+OUTSIDE = ("blank", "header", "comment", "other_sensor")
+"""Reasons of lines that no record has lost."""
+
+
+class RecordForm:
+    """What is a record of a table, and what a line is that is none.
+
+    Parameters
+    ----------
+    columns : numbers that are read, by their places in a record.
+    others : further tables of the text; their lines are of another sensor.
+    exact : nothing follows the last cell of a row; otherwise further cells may.
+
+    Attributes
+    ----------
+    pattern : of a record; it has a group for each number, or for each that is read.
+    groups : of the columns, for each sample in a record.
+    dates : readers of the columns that are dates, by their places.
+    """
+
+    def __init__(
+        self,
+        table: PrintedTable,
+        columns: Sequence[int],
+        others: Sequence[PrintedTable] = (),
+        *,
+        exact: bool = False,
+    ) -> None:
+        self.table, self._columns = table, list(columns)
+        self.dates = {k: DateReader() for k in table.dates if k in self._columns}
+        used = sorted(set(self._columns))
+        # of the numbers of each sample in a record; a template has a group for each number
+        places = range(len(table.names)) if table.pattern else {k: j for j, k in enumerate(used)}
+        self.groups = [[sample[k] for k in self._columns] for sample in table.samples or (places,)]
+        self.pattern = _compiled(table.pattern or _cell_pattern(table, used, exact=exact))
+        patterns = [*(other.pattern for other in others if other.pattern), *table.between]
+        self._others = [_compiled(pattern) for pattern in patterns]
+
+    def numbers(self, texts: Sequence[Sequence[Any]]) -> list[list[float]]:
+        """Return the numbers of each column, for each of the samples of a record, by the texts of the groups."""
+        return [
+            numbers_of(texts[group], self.dates.get(k), self.table.decimal)
+            for groups in self.groups
+            for k, group in zip(self._columns, groups, strict=True)
+        ]
+
+    def sample(self, record: re.Match[bytes]) -> list[float]:
+        """Return the number of each column in one record, in its first sample."""
+        if self.dates:
+            return [column[0] for column in self.numbers([[text] for text in record.groups()])]
+        return numbers_of([record[1 + group] for group in self.groups[0]], None, self.table.decimal)
+
+    def cells(self, line: bytes) -> list[str]:
+        """Return the cells of a line; none, if the text between the numbers divides them."""
+        return [] if self.table.pattern else split(decoded(line), self.table.separator)
+
+    def reason(self, line: bytes) -> str:
+        """Return why a line is no record, as the ledger has it; `OUTSIDE` are those that no record has lost."""
+        if len(line) > LONGEST_LINE or line == TOO_LONG_BYTES:
+            return "damaged"
+        if kind := line_kind(line, self.table.header):
+            return kind
+        cells = self.cells(line)
+        # lines of the other tables have their patterns
+        codes = self.table.codes if cells else ()
+        is_other = any(cells[k : k + 1] != [code] for k, code in codes)
+        if is_other or any(other.match(line + b"\n") for other in self._others):
+            return "other_sensor"
+        return "wrong_columns" if 1 < len(cells) != len(self.table.names) else "not_numbers"
+
+
 class RecordReader:
     """Reads the records of a table from blocks of whole lines.
 
@@ -67,16 +138,9 @@ class RecordReader:
         self, path: str, table: PrintedTable, columns: Sequence[int], others: Sequence[PrintedTable] = ()
     ) -> None:
         self._path, self._table, self._columns = path, table, list(columns)
-        self._dates = {k: DateReader() for k in table.dates if k in self._columns}
+        self._form = RecordForm(table, columns, others)
+        self._pattern, self._groups, self._dates = self._form.pattern, self._form.groups, self._form.dates
         self._ledger = Ledger()
-        used = sorted(set(self._columns))
-        # of the numbers of each sample in a record; a template has a group for each number
-        places = range(len(table.names)) if table.pattern else {k: j for j, k in enumerate(used)}
-        self._groups = [[sample[k] for k in self._columns] for sample in table.samples or (places,)]
-        pattern = table.pattern or _cell_pattern(table, used)
-        self._pattern = re.compile(pattern.encode(), re.MULTILINE)
-        patterns = [*(other.pattern for other in others if other.pattern), *table.between]
-        self._others = [re.compile(pattern.encode(), re.MULTILINE) for pattern in patterns]
         self._rest, self._rest_lines = b"", 0  # of a record that has begun
         self.problem = ""
         self._read = self._invalid = 0
@@ -234,14 +298,11 @@ class RecordReader:
 
     def _values(self, matches: Sequence[Any]) -> Floats:
         """Return (n, k) numbers of the columns that are used, with the samples of a record one behind the other."""
-        out = np.empty((len(matches), len(self._groups), len(self._columns)))
+        self._ledger.receive(len(matches) * (len(self._groups) - 1))
         # of a pattern with one group, a match is its text
         texts = [matches] if self._pattern.groups == 1 else [*zip(*matches, strict=True)]
-        for i, groups in enumerate(self._groups if matches else ()):
-            for j, (k, group) in enumerate(zip(self._columns, groups, strict=True)):
-                out[:, i, j] = numbers_of(texts[group], self._dates.get(k), self._table.decimal)
-        self._ledger.receive(len(matches) * (len(self._groups) - 1))
-        return out.reshape(-1, len(self._columns))
+        columns = self._form.numbers(texts) if matches else []
+        return np.array(columns).T.reshape(-1, len(self._columns))
 
     def _between(self, lines: Sequence[bytes], place: int, *, last: bool) -> int:
         """Account for lines between two records; return how many records are damaged in them."""
@@ -260,34 +321,23 @@ class RecordReader:
 
     def _reason(self, line: bytes, place: int, *, is_end: bool) -> tuple[str, str]:
         """Return why a line between two records is none, and what is wrong with it if it is a damaged one."""
-        table = self._table
-        is_long = len(line) > LONGEST_LINE or line == TOO_LONG_BYTES
-        text = "" if is_long else decoded(line)
-        cells = [] if table.pattern or is_long else split(text, table.separator)
-        if reason := self._reason_outside(line, cells):
+        if self.problem:
+            return "other_message", ""
+        reason = self._form.reason(line)
+        if reason in OUTSIDE:
             return reason, ""
         if is_end or not self._begun:  # half a line of a program that was killed, or that had begun before
             return "pending" if self._begun else "start", ""
-        if is_long:
-            return "damaged", "is too long"
+        if reason == "damaged":
+            return reason, "is too long"
+        text, cells = decoded(line), self._form.cells(line)
         if self._begins_other_table(text, cells):
             self.problem = f"{self._path} line {place} names other columns: only the rows before are used"
             return "other_message", ""
-        code = "wrong_columns" if 1 < len(cells) != len(table.names) else "not_numbers"
         numbers = len(cells) or _numbers_in(text)
-        if 2 * numbers * table.lines < len(table.names):  # less than half of those of a line
-            return code, ""
-        return code if cells else "damaged", f"is no record: {text[:QUOTED]!r}"
-
-    def _reason_outside(self, line: bytes, cells: Sequence[str]) -> str:
-        """Return why a line belongs to no record of this table; empty: it may."""
-        if self.problem:
-            return "other_message"
-        # lines of the other tables have their patterns
-        codes = () if self._table.pattern else self._table.codes
-        is_other = any(cells[k : k + 1] != [code] for k, code in codes)
-        is_other = is_other or any(other.match(line + b"\n") for other in self._others)
-        return line_kind(line, self._table.header) or ("other_sensor" if is_other else "")
+        if 2 * numbers * self._table.lines < len(self._table.names):  # less than half of those of a line
+            return reason, ""
+        return reason if cells else "damaged", f"is no record: {text[:QUOTED]!r}"
 
     def _begins_other_table(self, text: str, cells: Sequence[str]) -> bool:
         """Return whether a line names other columns, or is a title of few words that names a sensor."""
@@ -305,7 +355,7 @@ def line_kind(line: bytes, header: str) -> str:
     """Return what a line is that can be no record: ``blank``, ``header`` or ``comment``; empty: none of these."""
     if not line.strip():
         return "blank"
-    if header and decoded(line) == header:
+    if header and decoded(line).rstrip() == header.rstrip():
         return "header"
     return "comment" if line.lstrip().startswith((b"#", b"%", b"//")) else ""
 
@@ -317,7 +367,12 @@ _CELL = (
 """Number of a cell, which may have a check behind it, or a word for none."""
 
 
-def _cell_pattern(table: PrintedTable, columns: Sequence[int]) -> str:
+def _compiled(pattern: str) -> re.Pattern[bytes]:
+    """Return the pattern of a record for bytes; text that is no ASCII may have any encoding."""
+    return re.compile(re.sub(r"[^\0-\x7f]+", r"[^\\0-\\x7f]+", pattern).encode(), re.MULTILINE)
+
+
+def _cell_pattern(table: PrintedTable, columns: Sequence[int], *, exact: bool) -> str:
     """Return the pattern of a row of cells, with a group for each of some columns in their order."""
     blank = "[ ]*" if table.separator == "\t" else "[ \t]*"
     separator = "[ \t]+" if table.separator is None else blank + re.escape(table.separator)
@@ -327,8 +382,9 @@ def _cell_pattern(table: PrintedTable, columns: Sequence[int]) -> str:
     any_cell = rf"(?>\"[^\"\n]*\"[^{inside}\n]*|[^{inside}\n]*)"
     number = _CELL.replace(r"[\d.]*|\.", r"[\d.,]*|[.,]") if table.decimal else _CELL
     codes, cells = dict(table.codes), []
-    for k in range(max([*columns, *codes], default=-1) + 1):
+    for k in range(len(table.names) if exact else max([*columns, *codes], default=-1) + 1):
         content = rf"([^{inside}\n]*?\d[^{inside}\n]*?)" if k in table.dates else f"({number})"
         content = re.escape(codes[k]) if k in codes else content if k in columns else ""
         cells.append(rf"{around}[\"']?{around}{content}{around}[\"']?{around}" if content else any_cell)
-    return rf"^{blank}{separator.join(cells)}(?:;|[{inside}][^\n]*)?\n"
+    end = r";?[ \t\r]*" if exact else rf"(?:;|[{inside}][^\n]*)?"
+    return rf"^{blank}{separator.join(cells)}{end}\n"

@@ -24,7 +24,8 @@ from imumon.sources.files.base import RecordingError, RowSource
 from imumon.sources.files.columns import SINCE_1970_S, ColumnLayout
 
 WRAPPING_NS = (1e6, 1e3)
-"""ns in a unit of counters that wrap: ms and us, as for lines."""
+"""ns in a unit of counters that wrap: those of Arduino and MicroPython in ms and us do. No board is known whose counter
+of s or ns wraps."""
 
 STATED_TOLERANCE = 0.02
 """Share by which the rate of a time may differ from one that a comment states: those are nominal."""
@@ -130,8 +131,7 @@ def _of_times(
 ) -> TableClock:
     """Return the clock that the (n, 1 or 2) times of complete rows show."""
     name, scales = layout.times[0].name, np.array([column.factor for column in layout.times])
-    unit_ns = int(scales[0]) if len(scales) == 1 and scales[0] in WRAPPING_NS else 0
-    wraps = CounterWraps(unit_ns)
+    wraps = CounterWraps(counter_unit(layout))
     nanoseconds = _nanoseconds(times, times[0], scales, wraps)
     remarks = [f"the counter {name} wraps: its time is continued"] if wraps.count else []
     decision = decide([StampCandidate(nanoseconds)])
@@ -148,7 +148,7 @@ def _of_times(
         text = f"a comment states {stated_hz:g} Hz, and the time in {name} shows {shown_hz:.6g} Hz"
         remarks.append(f"{text}: check its unit")
     remarks += _compared(rate, interval_s, keeps_stamps=decision.kind.keeps_stamps)
-    used = TableTimes(times[0].copy(), scales, CounterWraps(unit_ns), placer)
+    used = TableTimes(times[0].copy(), scales, CounterWraps(counter_unit(layout)), placer)
     if decision.kind.keeps_stamps:
         return TableClock("startup", interval_s, used, tuple(remarks), "", is_doubtful)
     # a stream without a clock: the placer turns the stamps of the host into lost samples
@@ -179,6 +179,12 @@ def _compared(rate: float | None, interval_s: float, *, keeps_stamps: bool) -> I
         clock = " and are those of a sample clock" if keeps_stamps else ", but are those of a host"
         used = f"{option_text(rate_hz=rate)} is {'not used' if keeps_stamps else 'used'}"
         yield f"its time stamps show {1.0 / interval_s:.6g} Hz{clock}: {used}"
+
+
+def counter_unit(layout: ColumnLayout) -> int:
+    """Return the unit of a time, ns, if it is a counter that wraps; 0: it does not wrap, or there is no time."""
+    unit_ns = layout.times[0].factor if len(layout.times) == 1 else 0.0
+    return int(unit_ns) if unit_ns in WRAPPING_NS else 0
 
 
 def _nanoseconds(times: Floats, origin: Floats, scales: Floats, wraps: CounterWraps) -> Ints:

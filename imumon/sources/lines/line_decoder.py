@@ -5,12 +5,13 @@ Rules, which do not depend on the chunks:
 - A line ends with LF, or CR and LF. Where the URL names the columns, a sample is a line with one number for each, apart
   by commas, semicolons, tabs or blanks. If semicolons are apart, a comma is a decimal sign.
 - Otherwise the first lines show how a sample is printed and what its numbers are, as the head of a file does
-  (`files.printed_log`, `files.columns`): cells below a header, names beside the numbers, JSON, a sample of several
+  (`files.printed_log`, `files.table_choice`): cells below a header, names beside the numbers, JSON, a sample of several
   lines. They wait until `FIRST_LINES` are there; bytes that are no text do not wait. What is not certain needs
   ``accept`` or ``columns=`` in the URL: until then no line is a sample, and a remark has the question.
-- Any other line counts as invalid and, where the stream has no clock, as a lost sample. So does one in which the
-  time, or a value of gyroscope or accelerometer, is no finite number. Other values may be no number: they are unknown.
-- Blank lines, lines that begin with ``#``, and the header are no samples and nothing is lost by them.
+- Then the lines are read as those of a file (`files.record_reader`). Any other line counts as invalid and, where the
+  stream has no clock, as a lost sample. So does one in which the time, or a value of gyroscope or accelerometer, is no
+  finite number. Other values may be no number: they are unknown.
+- Blank lines, comments, and the header are no samples and nothing is lost by them.
 - A line longer than `LONGEST_LINE` is discarded up to its end.
 - A counter that wraps continues. A time that goes back otherwise is that of a restarted sensor.
 
@@ -21,7 +22,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -29,22 +30,27 @@ import numpy as np
 from imumon.grid.counter_wraps import wrap_ns
 from imumon.grid.live_stamps import LiveStamps
 from imumon.model.errors import QUOTED, ImumonError
-from imumon.model.ledger import Ledger
+from imumon.model.ledger import REASONS, Ledger
 from imumon.model.report_json import plain
-from imumon.model.samples import AXES, LONGEST_NS, Floats, SampleBlock
+from imumon.model.samples import AXES, INERTIAL, LONGEST_NS, Floats, SampleBlock
 from imumon.sources.device import RESTART_NS
-from imumon.sources.files.printed_log import PrintedTable, tables
+from imumon.sources.files.base import RecordingError
+from imumon.sources.files.column_header import are_names
+from imumon.sources.files.printed_log import TOO_LONG_BYTES, PrintedTable, tables
+from imumon.sources.files.record_reader import OUTSIDE, RecordForm, line_kind
 from imumon.sources.files.sizes_at_rest import NOISIEST, is_one_g, median_size, sample_noise
-from imumon.sources.files.text_cells import numbers_of, split
+from imumon.sources.files.table_choice import chosen_table
+from imumon.sources.files.table_clock import counter_unit
+from imumon.sources.files.text_cells import decoded
 from imumon.sources.lines.line_columns import (
     LineColumns,
     columns_of,
-    first_columns,
     line_columns,
+    read_options,
 )
 
 LONGEST_LINE = 4096
-"""Bytes of a line at most, where the settings say nothing."""
+"""Bytes of a line with its end at most, where the settings say nothing."""
 FIRST_LINES = (50, 100, 200, 400)
 """Numbers of first lines from which the form of a sample is tried: half a second at 100 Hz, and longer."""
 SIZE_SAMPLES = 100
@@ -52,7 +58,6 @@ SIZE_SAMPLES = 100
 
 _NO_TEXT = re.compile(rb"[\x00-\x08\x0e-\x1a\x1c-\x1f\x7f]")
 """Control characters that no program prints: blanks and the escapes of colours are others."""
-_NUMBER = re.compile(rb"[+-]?((\d+\.?\d*|\.\d+)(e[+-]?\d+)?|nan|inf)", re.IGNORECASE)
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,14 +67,6 @@ class _Row:
     time_ns: int
     values: list[float]
     lost: int
-
-
-class _NoSample(Exception):
-    """A line is no sample: the text says why, and the reason is that of the ledger."""
-
-    def __init__(self, text: str, reason: str) -> None:
-        super().__init__(text)
-        self.reason = reason
 
 
 class LineDecoder:
@@ -90,16 +87,20 @@ class LineDecoder:
     """
 
     def __init__(self, settings: Mapping[str, str], rate_hz: float | None = None) -> None:
-        self.fed = self.messages = self.message_bytes = self.discarded = self.bad_checksums = 0
+        self.fed = self.messages = self.message_bytes = self.bad_checksums = 0
         self._ledger = Ledger()
-        self._settings, self._rate_hz = settings, rate_hz
-        self.columns = columns_of(settings) if "columns" in settings else None
-        self._table: PrintedTable | None = None  # how a sample is printed; None: cells, or not known yet
-        self._pattern = re.compile("")
+        self._settings, self._options = settings, read_options(settings, rate_hz)
+        self.columns: LineColumns | None = None
+        if "columns" in settings:
+            names = tuple(settings["columns"].split(","))
+            table = PrintedTable(names, names, np.empty((0, len(names))), 0)
+            by_mark = {mark: replace(table, separator=mark, decimal=mark == ";") for mark in (";", ",", None)}
+            # numbers are in all columns, also in those that the URL ignores
+            self._use(columns_of(settings), by_mark, range(len(names)))
         self._first_lines: list[bytes] = []  # before the columns are known
-        self._record: list[str] = []  # lines of the sample that has begun
+        self._record: list[bytes] = []  # lines of the sample that has begun
         self._rest = b""
-        self._skipping = self._begun = False  # an overlong line; samples were there
+        self._begun = False  # samples were there
         self._lost = 0  # invalid lines since the last sample
         self._fault: str | None = None
         self._question: str | None = None  # what the columns are, where that is not certain
@@ -108,13 +109,18 @@ class LineDecoder:
         self._offset = 0  # ns, of all wraps so far
         self._last: int | None = None  # ns, before its wraps are undone
         self._waiting: list[_Row] = []  # whose time is not decided
-        self._first: list[list[float]] = []  # values of the first samples, in SI
+        self._first: list[Floats] = []  # values of the first samples, in SI
         self._unit_doubts: tuple[str, ...] = ()
 
     @property
     def pending(self) -> int:
-        """Bytes of a line whose end is missing, and of lines that wait until the columns are known."""
-        return len(self._rest) + sum(len(line) + 1 for line in self._first_lines)
+        """Bytes of a line or a sample whose end is missing, and of lines that wait until the columns are known."""
+        return len(self._rest) + sum(map(len, [*self._record, *self._first_lines]))
+
+    @property
+    def discarded(self) -> int:
+        """Bytes of lines that are no samples."""
+        return self.fed - self.message_bytes - self.pending
 
     @property
     def ledger(self) -> dict[str, int]:
@@ -136,7 +142,8 @@ class LineDecoder:
     def feed(self, data: bytes) -> list[SampleBlock]:
         """Return the samples of the lines that `data` completes."""
         self.fed += len(data)
-        *lines, self._rest = (self._rest + data).split(b"\n")
+        *lines, rest = (self._rest + data).split(b"\n")
+        self._rest = rest[:LONGEST_LINE]  # of a line that never ends, no more is in memory
         blocks: list[SampleBlock] = []
         rows: list[_Row] = []
         for line in (known for received in lines for known in self._known(received)):
@@ -147,24 +154,18 @@ class LineDecoder:
                 blocks += self._blocks(rows, final=True)
                 rows, self._stamps, self._offset = [], None, 0
             rows.append(replace(row, time_ns=row.time_ns + self._offset) if self._offset else row)
-        if len(self._rest) > LONGEST_LINE:
-            self.discarded += len(self._rest)
-            self._skipping, self._rest = True, b""
         return [*blocks, *self._blocks(rows, final=False)]
 
     def finish(self) -> list[SampleBlock]:
         """Return what waits, at the end of the stream. A line without its end may be half of one: it is discarded."""
-        rest, skipping = self._rest, self._skipping
-        self._rest, self._skipping = b"", False
-        rows = []
-        if self.columns is None and self._first_lines:
+        if self._first_lines:
             self._learn()
-            lines, self._first_lines = self._first_lines, []
-            rows = [row for line in lines if (row := self._line(line)) is not None]
-        self.discarded += len(rest)
-        if rest or skipping:
+        lines, self._first_lines = self._first_lines, []
+        rows = [row for line in lines if (row := self._line(line)) is not None]
+        if self._rest:
             self._ledger.receive()
-            self._ledger.add("pending")
+        self._ledger.add("pending", len(self._record) + bool(self._rest))
+        self._rest, self._record = b"", []
         return self._blocks(rows, final=True)
 
     # ------------------------------------------------------------------ the first lines
@@ -172,10 +173,11 @@ class LineDecoder:
     def _known(self, line: bytes) -> Sequence[bytes]:
         """Return the lines that can be decoded now: none before the columns are known, then all that waited."""
         self._ledger.receive()
+        line = line + b"\n" if len(line) < LONGEST_LINE else TOO_LONG_BYTES
         # bytes that are no text show no form: at a wrong baud rate they would fill the first lines
         if self.columns is not None or _NO_TEXT.search(line):
             return (line,)
-        self._first_lines.append(line[: LONGEST_LINE + 1])
+        self._first_lines.append(line)
         if len(self._first_lines) in FIRST_LINES:
             self._learn()
         if self.columns is None and len(self._first_lines) < FIRST_LINES[-1]:
@@ -185,129 +187,93 @@ class LineDecoder:
 
     def _learn(self) -> None:
         """Find how a sample is printed and what its numbers are in the first lines."""
-        text = "".join(f"{line.decode('utf-8', 'replace').rstrip()}\n" for line in self._first_lines)
+        text = "".join(f"{decoded(line).rstrip()}\n" for line in self._first_lines)
         try:
-            found = tables(f"{text}\n")
-        except ImumonError:
-            return
-        for table in found:
+            if not (printed := tables(f"{text}\n")):
+                return
+            table, reading = chosen_table(printed, text, self._options)
             if table.samples:
-                self._question = (
-                    self._question or "a record of the lines holds several samples: print one in each"
+                raise RecordingError(
+                    "columns_unclear", "a record of the lines holds several samples: print one in each"
                 )
-                continue
-            try:
-                reading = first_columns(table.names, table.units, table.rows, self._settings, self._rate_hz)
-                reading = replace(reading, uses=tuple(use for use in reading.uses if use.key != "rate"))
-                used = reading.checked("the lines", accept="accept" in self._settings)
-            except ImumonError as error:
-                proposal = getattr(error, "proposal", None)
-                advice = f": give the port with ?accept or ?map={proposal}" if proposal else ""
-                # asked once: the sizes in it differ with every attempt
-                self._question = self._question or f"{getattr(error, 'message', error)}{advice}"
-                continue
-            self._table, self._question = table, None
-            self._pattern = re.compile(table.pattern, re.MULTILINE)
-            self.columns = line_columns(used, {**self._settings, "map": reading.map})
-            assumed = [use.reason for use in used.uses if not use.certain]
-            self._unit_doubts = tuple(f"assumed: {reason}" for reason in assumed)
+            reading = replace(reading, uses=tuple(use for use in reading.uses if use.key != "rate"))
+            used = reading.checked("the lines", accept=self._options.accept)
+            columns = line_columns(used, {**self._settings, "map": reading.map})
+        except ImumonError as error:
+            proposal = getattr(error, "proposal", None)
+            advice = f": give the port with ?accept or ?map={proposal}" if proposal else ""
+            # asked once: the sizes in it differ with every attempt
+            self._question = self._question or f"{error.message}{advice}"
             return
+        self._question = None
+        others = [other for other in printed if other is not table]
+        self._use(columns, dict.fromkeys((";", ",", None), table), (), others)
+        assumed = [use.reason for use in used.uses if not use.certain]
+        self._unit_doubts = tuple(f"assumed: {reason}" for reason in assumed)
+
+    def _use(
+        self,
+        columns: LineColumns,
+        tables_by_mark: Mapping[str | None, PrintedTable],
+        checked: Iterable[int],
+        others: Sequence[PrintedTable] = (),
+    ) -> None:
+        """Read lines by what separates their cells; `checked` are further columns that must have numbers."""
+        used = columns.layout.used
+        read = [*dict.fromkeys([*(column.index for column in used), *checked])]
+        self.columns = columns
+        self._forms = {
+            mark: RecordForm(table, read, others, exact=True) for mark, table in tables_by_mark.items()
+        }
+        self._times = [(k, column.factor) for k, column in enumerate(used) if column.use == "t"]
+        self._scales = [(column.factor, column.zero) for column in columns.layout.columns]
+        self._inertial = sum(column.use.sensor in INERTIAL for column in used)
 
     # ------------------------------------------------------------------ lines
 
     def _line(self, line: bytes) -> _Row | None:
-        """Return the sample of a line, if it ends one; count the line in any case."""
-        size, text = len(line) + 1, line.strip()
-        skipped, self._skipping = self._skipping, False
-        is_comment = text.startswith(b"#")
-        try:
-            if skipped or len(line) > LONGEST_LINE:
-                raise _NoSample("is too long", "damaged")
-            row = self._parsed(text) if text and not is_comment else None
-        except _NoSample as fault:
-            self.discarded += size
-            self.bad_checksums += 1  # the nearest that a line without a checksum has
-            self._lost += 1
-            greeting = not self._begun and fault.reason == "not_numbers"
-            self._ledger.add("start" if greeting else fault.reason)
-            self._fault = self._fault or f"a line is no sample: it {fault}"
+        """Return the sample that a line ends; count the line, or keep it if what follows decides."""
+        if self.columns is None:
+            self._leave_out(line, line_kind(line, "") or "not_numbers")
             return None
-        if not text or is_comment:
-            self.discarded += size
-            self._ledger.add("comment" if text else "blank")
-        else:
-            self.messages += 1
-            self.message_bytes += size
-        return row
-
-    def _parsed(self, text: bytes) -> _Row | None:
-        """Return the sample that a line ends; None of a header or a part. Raise `_NoSample` of any other."""
-        columns, table = self.columns, self._table
-        if columns is None:
-            raise _NoSample("is before the columns are known", "not_numbers")
-        line = text.decode("utf-8", "replace")
-        if table is not None and table.pattern:
-            return self._printed(columns, table, line)
-        cells = _cells(text) if table is None else [c.encode() for c in split(line, table.separator)]
-        if table is not None and line == table.header:
-            self._ledger.add("header")
-            return None
-        used = {column.index for column in (*columns.used, *columns.time)}
-        if not _are_numbers(cells, columns.count, used if table is not None else range(columns.count)):
-            self._text(text, cells)
-            return None
-        self._note_digits(columns, [cell.decode() for cell in cells])
-        return self._sample(
-            columns, [float(cells[k]) if k in used else math.nan for k in range(columns.count)]
-        )
-
-    def _text(self, text: bytes, cells: Sequence[bytes]) -> None:
-        """Count a header; raise `_NoSample` of other text."""
-        is_header = self.columns is not None and len(cells) == self.columns.count
-        if is_header and all(re.fullmatch(rb"[A-Za-z_][\w .\[\]()/^-]*", cell) for cell in cells):
-            self._ledger.add("header")
-            return
-        raise _NoSample(f"is {plain(text[: 4 * QUOTED].decode('latin-1'))[:QUOTED]!r}", "not_numbers")
-
-    def _printed(self, columns: LineColumns, table: PrintedTable, line: str) -> _Row | None:
-        """Return the sample that a line with names beside its numbers ends."""
+        form = self._forms[";" if b";" in line else "," if b"," in line else None]
         self._record.append(line)
-        match = self._pattern.fullmatch("".join(f"{text}\n" for text in self._record))
-        if match is None and len(self._record) < table.lines:
+        if len(self._record) < form.table.lines:
             return None
-        lines, self._record = self._record, []
-        if match is None:
-            # a sample may begin later: all but the first line are tried again
-            self._ledger.add("not_numbers", 0)
-            rest = lines[1:]
-            self._record = rest
-            raise _NoSample(f"is {plain(lines[0])[:QUOTED]!r}", "not_numbers")
-        self._ledger.add("part", table.lines - 1)
-        self._note_digits(columns, match.groups())
-        return self._sample(columns, numbers_of(match.groups()))
-
-    def _note_digits(self, columns: LineColumns, texts: Sequence[str]) -> None:
-        """Note the resolution of a time, by its digits."""
-        if columns.time:
-            last = columns.time[-1]
-            self._resolution = last.factor / 10 ** len(texts[last.index].partition(".")[2])
-
-    def _sample(self, columns: LineColumns, numbers: Sequence[float]) -> _Row:
-        """Return the sample of a record of numbers."""
-        values = [numbers[c.index] * c.factor - c.zero for c in columns.used]
-        if not all(map(math.isfinite, values[: columns.inertial])):
-            raise _NoSample("has a value that is no finite number", "not_finite")
-        time = sum(numbers[c.index] * c.factor for c in columns.time)
-        if not abs(time) < LONGEST_NS:
-            raise _NoSample("has a time that is no finite number", "not_finite")
+        record = b"".join(self._record)
+        if (match := form.pattern.fullmatch(record)) is None:
+            first = self._record.pop(0)
+            cells = form.cells(first)
+            is_header = len(cells) == len(form.table.names) and are_names(cells)
+            self._leave_out(first, "header" if is_header else form.reason(first))
+            return None
+        self._record = []
+        if form.table.lines > 1:
+            self._ledger.add("part", form.table.lines - 1)
+        numbers = form.sample(match)
+        time = sum([numbers[k] * factor for k, factor in self._times])
+        if not (abs(time) < LONGEST_NS and all(map(math.isfinite, numbers[: self._inertial]))):
+            self._leave_out(record, "not_finite")
+            return None
+        self.messages += form.table.lines
+        self.message_bytes += len(record)
+        if self._times and self._stamps is None:  # the resolution of a time, by its digits
+            k, factor = self._times[-1]
+            self._resolution = factor / 10 ** len(match[1 + form.groups[0][k]].partition(b".")[2])
         # before the first sample, invalid lines are greetings of the board and the half of a line
         lost, self._lost = self._lost if self._begun else 0, 0
         self._begun = True
-        if len(self._first) < SIZE_SAMPLES:
-            self._first.append(values)
-            if len(self._first) == SIZE_SAMPLES:
-                self._unit_doubts += tuple(_unit_doubts(columns, np.array(self._first)))
-        return _Row(round(time), values, lost)
+        scaled = zip(numbers, self._scales, strict=False)
+        return _Row(round(time), [number * factor - zero for number, (factor, zero) in scaled], lost)
+
+    def _leave_out(self, line: bytes, reason: str) -> None:
+        """Count a line that is no sample, and note what is wrong with it."""
+        self._ledger.add(reason if self._begun or reason in OUTSIDE else "start")
+        if reason not in OUTSIDE:
+            self.bad_checksums += 1  # the nearest that a line without a checksum has
+            self._lost += 1
+            text = plain(decoded(line).strip())[:QUOTED]
+            self._fault = self._fault or f"a line is no sample, {text!r}: {REASONS[reason]}"
 
     # ------------------------------------------------------------------ time
 
@@ -316,7 +282,7 @@ class LineDecoder:
         last, self._last = self._last, row.time_ns
         if last is None or row.time_ns > last - RESTART_NS:
             return False
-        unit = self.columns.wrapping_ns if self.columns else 0
+        unit = counter_unit(self.columns.layout) if self.columns else 0
         period = wrap_ns(last, row.time_ns, unit) if unit else 0
         self._offset += period
         return not period
@@ -327,19 +293,22 @@ class LineDecoder:
         if columns is None or not rows:
             return []
         times, ready = None, len(rows)
-        if columns.time:
+        if self._times:
             if self._stamps is None:
                 self._stamps = LiveStamps(self._resolution)
             stamps = np.array([row.time_ns for row in rows[len(self._waiting) :]], np.int64)
             # a line has one time: that of the sample also counts as that of its publication and arrival
-            nothing = np.zeros(len(stamps), np.int64)
-            times = self._stamps.place(stamps, stamps, stamps, nothing, final=final).times
+            times = self._stamps.place(stamps, stamps, stamps, np.zeros_like(stamps), final=final).times
             ready = len(times)
         self._waiting, rows = rows[ready:], rows[:ready]
         if not rows:
             return []
-        lost = np.array([row.lost for row in rows], np.int64)
-        return [SampleBlock(columns.stream, np.array([row.values for row in rows]), times, lost)]
+        values = np.array([row.values for row in rows])
+        if len(self._first) < SIZE_SAMPLES:
+            self._first = [*self._first, *values][:SIZE_SAMPLES]
+            if len(self._first) == SIZE_SAMPLES:
+                self._unit_doubts += tuple(_unit_doubts(columns, np.array(self._first)))
+        return [SampleBlock(columns.stream, values, times, np.array([row.lost for row in rows], np.int64))]
 
 
 def _unit_doubts(columns: LineColumns, rows: Floats) -> Iterator[str]:
@@ -350,27 +319,9 @@ def _unit_doubts(columns: LineColumns, rows: Floats) -> Iterator[str]:
     size = median_size(rows[:, accel]) if len(accel) == len(AXES) else None
     if size and not is_one_g(size):
         yield f"the acceleration is {size:.3g} m/s^2, and at rest it is 9.81: check its unit, accel="
-    gyro = [k for k, sensor in enumerate(sensors) if sensor == "gyro" and columns.used[k].factor == 1.0]
+    gyro = [
+        k for k, sensor in enumerate(sensors) if sensor == "gyro" and columns.layout.used[k].factor == 1.0
+    ]
     if gyro and sample_noise(rows[:, gyro]) > NOISIEST:
         noise = f"{math.degrees(sample_noise(rows[:, gyro])):.2g} deg/s"
         yield f"the noise of the gyroscope is {noise} if it is in rad/s, more than at rest: check its unit, gyro=deg/s"
-
-
-def _are_numbers(cells: Sequence[bytes], count: int, needed: Collection[int]) -> bool:
-    """Return whether the needed cells of a line are numbers; raise `_NoSample` if it has another count of numbers."""
-    if len(cells) == count:
-        return all(_NUMBER.fullmatch(cells[k]) for k in needed)
-    if all(map(_NUMBER.fullmatch, cells)) or _are_mostly_numbers(cells):
-        raise _NoSample(f"has {len(cells)} numbers, not {count}", "wrong_columns")
-    return False
-
-
-def _are_mostly_numbers(cells: Sequence[bytes]) -> bool:
-    return sum(_NUMBER.fullmatch(cell) is not None for cell in cells) > len(cells) / 2
-
-
-def _cells(text: bytes) -> list[bytes]:
-    """Return the cells of a line, without blanks around them."""
-    if b";" in text:  # as spreadsheets of countries with a decimal comma write them
-        text = text.replace(b",", b".").replace(b";", b",")
-    return [cell.strip() for cell in (text.split(b",") if b"," in text else text.split())]

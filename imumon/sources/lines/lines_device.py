@@ -65,7 +65,7 @@ class LinesSession(Session):
     def _rate_doubts(self) -> Iterator[str]:
         """Yield what does not fit the host clock: the time of the lines, or the given rate."""
         ratio, columns, rate_hz = self._rate_check.rate_hz, self._decoder.columns, self._url.rate_hz
-        if columns is not None and columns.time:
+        if columns is not None and columns.layout.times:
             if ratio is not None and not 1.0 / CLOCK_RATIO < ratio < CLOCK_RATIO:
                 shown = f"{float(f'{ratio:.2g}'):,g}"
                 yield f"the time of the lines advances by {shown} s in a second: check its unit in the URL"

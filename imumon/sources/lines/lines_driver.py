@@ -9,7 +9,6 @@ from ipaddress import ip_address
 from typing import Any
 from urllib.parse import parse_qsl
 
-from imumon.model.errors import ImumonError
 from imumon.model.samples import FASTEST_HZ, SLOWEST_HZ
 from imumon.sources.device import (
     Check,
@@ -20,8 +19,7 @@ from imumon.sources.device import (
     Observation,
     RawDecoder,
 )
-from imumon.sources.files.columns import parse_map
-from imumon.sources.lines.line_columns import SENSORS, LinesUrl, columns_of, units_of
+from imumon.sources.lines.line_columns import SENSORS, LinesUrl, columns_of, read_options
 from imumon.sources.ports import BAUD_RATES, FROM
 
 FILTER = "Lines do not say how the sensor filters: see the settings that its program writes."
@@ -80,24 +78,15 @@ def parse_url(url: str, device: Any = None) -> LinesUrl:
     if not baud.isdigit() or not 0 < int(baud) < 1e8:
         raise InvalidOption("lines_url_invalid", f"{baud!r} is no baud rate", "write for example baud=115200")
     settings = {name: given[name] for name in ("columns", "map", "accept", *SENSORS) if name in given}
-    _check(settings)
+    read_options(settings, None)
+    if "columns" in settings:
+        columns_of(settings)
     name = re.sub(r"[^a-z0-9]+", "-", path.removeprefix("/dev/").lower()).strip("-") or "stdin"
     if "from" in given:
         path = f"{path}{FROM}{_sender(path, given['from'])}"
     return LinesUrl(
         path, int(baud), _rate(rate) if rate else None, given.get("id") or f"lines-{name}", settings
     )
-
-
-def _check(settings: Mapping[str, str]) -> None:
-    """Raise `InvalidOption` if columns or units have no meaning."""
-    units_of(settings)
-    if "columns" in settings:
-        columns_of(settings)
-    try:
-        parse_map(settings.get("map", "t=1"))
-    except ImumonError as error:
-        raise InvalidOption("lines_columns_invalid", error.message, error.cure) from None
 
 
 def _sender(path: str, text: str) -> str:

@@ -151,6 +151,8 @@ FORMS = [
     "t={} gx={} gy={} gz={}",
     "t: {}, gyro_x: {}, gyro_y: {}, gyro_z: {}",
     '{{"time": {}, "gx": {}, "gy": {}, "gz": {}}}',
+    "t: {}\ngyro: x {} y {} z {}\n",
+    "Kreisel Nº 2: t={} gx={} gy={} gz={}",
     "sample {}\nGyro: {}, {}, {}",
 ]
 NOISE = np.random.default_rng(0).normal(0.0, 1e-3, (90, 3)).round(6)
@@ -165,7 +167,7 @@ def test_the_first_lines_show_how_a_sample_is_printed(form: str, unit: str, firs
     """What they do not state is used if it is accepted; a recording of the lines then gives the same."""
     header, row = ("t,gx,gy,gz", "{},{},{},{}") if form == FORMS[0] else ("", form)
     lines = [row.format(f"{first + k * Decimal(step):f}", *NOISE[k]) for k in range(90)]
-    data = "\n".join([*filter(None, [header]), *lines, ""]).encode()
+    data = "\n".join([*filter(None, [header]), *lines, ""]).encode("latin-1")
     assert not rows(decoded(data, {})[0]).size
     blocks, decoder = decoded(data, {"accept": ""}, size=7)
     assert rows(blocks) == pytest.approx(NOISE)
