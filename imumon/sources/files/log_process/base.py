@@ -179,15 +179,13 @@ def rows_at(times_us: npt.NDArray[Any], other_us: npt.NDArray[Any]) -> npt.NDArr
     if step is None or not len(other_us):
         return None
     stamps, other_stamps = times_us.astype(np.float64), other_us.astype(np.float64)
-    # half a step either way: the stamps of two sensors of one chip differ by some us
-    nearest = np.clip(np.searchsorted(other_stamps, stamps - step * 0.5e6), 0, len(other_stamps) - 1)
-    near = np.abs(other_stamps[nearest] - stamps) < step * 0.5e6
-    matched = len(np.unique(nearest[near]))
-    meanwhile = int(
-        ((other_stamps > stamps[0] - step * 0.5e6) & (other_stamps < stamps[-1] + step * 0.5e6)).sum()
-    )
+    half = step * 0.5e6  # us either way: the stamps of two sensors of one chip differ by some
+    nearest = np.clip(np.searchsorted(other_stamps, stamps - half), 0, len(other_stamps) - 1)
+    near = np.abs(other_stamps[nearest] - stamps) < half
+    meanwhile = (other_stamps > stamps[0] - half) & (other_stamps < stamps[-1] + half)
     # one to one, and neither has many rows that the other lacks: else one of them is slower
-    same = matched == int(near.sum()) and min(near.mean(), matched / max(meanwhile, 1)) >= MATCHED
+    matched = len(np.unique(nearest[near]))
+    same = matched == near.sum() and matched >= MATCHED * max(len(stamps), meanwhile.sum())
     return np.where(near, nearest, -1) if same else None
 
 

@@ -187,25 +187,18 @@ def _fifo(
     """Return all samples of a FIFO: the stamp of a message is that of its last sample, `dt` is in us."""
     sensor, unit = FIFO[name]
     known = {f"{sensor}/{axis}": f"{axis}:{unit}" for axis in AXES} | {"t": "timestamp_sample:us"}
-    slots = sum(key.startswith("x[") for key in arrays)
-    needed = {
-        "timestamp_sample",
-        "dt",
-        "scale",
-        "samples",
-        *(f"{a}[{k}]" for a in AXES for k in range(slots)),
-    }
-    if not slots or not needed <= set(arrays):
+    place = np.arange(sum(key.startswith("x[") for key in arrays))
+    try:
+        counts, dt, scale, stamps = (
+            arrays[field].astype(np.float64)[:, None]
+            for field in ("samples", "dt", "scale", "timestamp_sample")
+        )
+        raw = {axis: np.column_stack([arrays[f"{axis}[{k}]"] for k in place]) for axis in AXES}
+    except (KeyError, ValueError):  # another version of PX4 has other fields, or none for a sample
         return Topic(name=f"{name}/{instance}", type=name, count=0), {}
-    place = np.arange(slots)
-    counts = arrays["samples"].astype(np.int64)[:, None]
-    valid = (place < counts).ravel()
-    times = arrays["timestamp_sample"].astype(np.float64)[:, None]
-    times = times - (counts - 1 - place) * arrays["dt"].astype(np.float64)[:, None]
-    integrals: Arrays = {"timestamp_sample": times.ravel()[valid]}
-    for axis in AXES:
-        raw = np.column_stack([arrays[f"{axis}[{k}]"] for k in range(slots)]).astype(np.float64)
-        integrals[axis] = (raw * arrays["scale"].astype(np.float64)[:, None]).ravel()[valid]
+    valid = place < counts
+    integrals: Arrays = {"timestamp_sample": (stamps - (counts - 1 - place) * dt)[valid]}
+    integrals |= {axis: (numbers * scale)[valid] for axis, numbers in raw.items()}
     source = f"sensor_{sensor}"
     if (degrees := _temperature({**arrays, **integrals}, "timestamp_sample", data, source)) is not None:
         integrals[f"{source}.temperature"] = degrees
