@@ -9,12 +9,11 @@ libraries/AP_InertialSensor/LogStructure.h.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from imumon.model.samples import AXES
 from imumon.sources.files.base import ROWS
@@ -104,43 +103,39 @@ class DataFlashLog(ArrayLog):
         used = sum(len(places) * size for places, size in zip(starts, lengths, strict=True))
         return int(max(ends, default=0) - used)
 
-    def _formats(self, name: str) -> Mapping[str, str] | None:
-        """Return the format of each column of a type of messages; None if there are none, or it is unknown."""
-        number = self._log.name_to_id.get(name)
-        form = None if number is None else self._log.formats[number]
-        if form is None or len(form.columns) != len(form.format) or set(form.format) - set(TYPES):
-            return None
-        formats = dict(zip(form.columns, form.format, strict=True))
-        size = sum(np.dtype(TYPES[letter]).itemsize for letter in form.format)
-        valid = "" not in formats and len(formats) == len(form.columns) and size == form.len - HEADER_BYTES
-        return formats if valid else None
-
-    def _rows(self, name: str) -> npt.NDArray[Any] | None:
-        """Return the messages of a type, with a field for each column; None: there are none."""
-        if (formats := self._formats(name)) is None:
-            return None
-        dtype = np.dtype([(column, TYPES[letter]) for column, letter in formats.items()])
-        places = np.array(self._log.offsets[self._log.name_to_id[name]], dtype=np.int64) + HEADER_BYTES
+    def _columns(self, name: str) -> Arrays:
+        """Return the columns of a type of messages; none: there are no such messages, or their format is unknown."""
+        if (number := self._log.name_to_id.get(name)) is None:
+            return {}
+        form = self._log.formats[number]
+        try:
+            letters = dict(zip(form.columns, form.format, strict=True))
+            dtype = np.dtype([(column, TYPES[letter]) for column, letter in letters.items()])
+        except (KeyError, ValueError):
+            return {}
+        places = np.array(self._log.offsets[number], dtype=np.int64) + HEADER_BYTES
         places = places[places + dtype.itemsize <= len(self._data)]  # the last one may be incomplete
-        if not len(places):
-            return None
+        if not len(places) or dtype.itemsize != form.len - HEADER_BYTES:
+            return {}
         # in blocks: an index takes eight times as much as the bytes
         parts = [
             self._data[places[k : k + ROWS, None] + np.arange(dtype.itemsize)].view(dtype)[:, 0]
             for k in range(0, len(places), ROWS)
         ]
-        return np.concatenate(parts)
+        rows = np.concatenate(parts)
+        return {
+            column: rows[column] * SCALES[letter] if letter in SCALES else rows[column]
+            for column, letter in zip(dtype.names or (), letters.values(), strict=True)
+        }
 
     def _series(self, name: str) -> Iterator[tuple[str, Arrays]]:
         """Yield the columns of numbers of a message: of an IMU, for each instance."""
-        formats, rows = self._formats(name), self._rows(name)
-        if formats is None or rows is None:
-            return
+        columns = self._columns(name).items()
         numbers = {
-            column: rows[column] * SCALES[letter] if letter in SCALES else rows[column]
-            for column, letter in formats.items()
-            if rows.dtype[column].kind in "iuf" and not rows.dtype[column].shape
+            column: values for column, values in columns if values.dtype.kind in "iuf" and values.ndim == 1
         }
+        if not numbers:
+            return
         if "I" not in numbers:
             yield name, numbers
             return
@@ -178,9 +173,8 @@ class DataFlashLog(ArrayLog):
 
     def _facts(self) -> dict[str, str]:
         """Return board and version of the firmware, which the log has as texts."""
-        if (messages := self._rows("MSG")) is None:
-            return {}
-        texts = [text.decode("utf-8", "replace") for text in messages["Message"].tolist()]
+        messages = self._columns("MSG").get("Message", np.zeros(0))
+        texts = [text.decode("utf-8", "replace") for text in messages.tolist()]
         boards = [match[1] for text in texts if (match := BOARD.match(text))]
         versions = [text for text in texts if re.match(r"(Ardu|APM:|AntennaTracker|Blimp|Rover)\S* ", text)]
         facts = {"model": f"ArduPilot {boards[0]}"} if boards else {}
