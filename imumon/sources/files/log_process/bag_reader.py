@@ -14,8 +14,7 @@ import numpy as np
 from rosbags.interfaces import MessageDefinitionFormat
 
 from imumon.model.samples import AXES, Floats
-from imumon.sources.files.base import ROWS, TABLE_BYTES
-from imumon.sources.files.log_process.base import LOG_TIME, Log, Topic
+from imumon.sources.files.log_process.base import LOG_TIME, Log, Topic, batches
 from imumon.sources.files.log_process.message_fields import MessageFields
 
 IMU = "sensor_msgs/msg/Imu"
@@ -82,11 +81,8 @@ class BagLog(Log):
         if chosen[0].msgtype == IMU and any(c.digest not in ("", self._digest) for c in chosen):
             raise ValueError(f"{chosen[0].topic} has another definition of {IMU}")
         first: dict[str, int] = {}  # ns, first time of each column of times
-        messages: list[bytes] = []
-        stamps: list[int] = []
-        size = 0
-
-        def rows() -> Floats:
+        for batch, size in batches((stamp, raw) for _, stamp, raw in self._reader.messages(chosen)):
+            stamps, messages = zip(*batch, strict=True)
             values, valid = fields.read(messages, [name for name in columns if name != LOG_TIME])
             values[LOG_TIME] = np.array(stamps, dtype=np.int64)[valid]
             out = np.full((len(messages), len(columns)), np.nan)
@@ -96,19 +92,7 @@ class BagLog(Log):
                     # as a float, a span is exact to the ns, an epoch is not
                     column = column - first.setdefault(name, int(column[0]))
                 out[valid, k] = column
-            return out
-
-        for _, stamp, raw in self._reader.messages(chosen):
-            messages.append(raw)
-            stamps.append(stamp)
-            size += len(raw)
-            if len(messages) == ROWS or size > TABLE_BYTES:
-                yield rows(), size
-                messages.clear()
-                stamps.clear()
-                size = 0
-        if messages:
-            yield rows(), size
+            yield out, size
 
 
 def _definitions(connection: Any) -> dict[str, Any]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, TypeAlias
 
@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from imumon.model.samples import Floats
-from imumon.sources.files.base import ROWS
+from imumon.sources.files.base import ROWS, TABLE_BYTES
 
 LOG_TIME = "log_time"
 """Column of the time, ns, at which the recorder got a message."""
@@ -92,6 +92,20 @@ class ArrayLog(Log):
         for start in range(0, len(chosen[0]), ROWS):
             parts = [array[start : start + ROWS] for array in chosen]
             yield np.column_stack([part.astype(np.float64) for part in parts]), sum(p.nbytes for p in parts)
+
+
+def batches(messages: Iterable[tuple[int, bytes]]) -> Iterator[tuple[list[tuple[int, bytes]], int]]:
+    """Yield messages, each with its time, in blocks, and the bytes of each block."""
+    batch: list[tuple[int, bytes]] = []
+    size = 0
+    for message in messages:
+        batch.append(message)
+        size += len(message[1])
+        if len(batch) == ROWS or size > TABLE_BYTES:
+            yield batch, size
+            batch, size = [], 0
+    if batch:
+        yield batch, size
 
 
 def described(
@@ -189,7 +203,9 @@ def rows_at(times_us: npt.NDArray[Any], other_us: npt.NDArray[Any]) -> npt.NDArr
     return np.where(near, nearest, -1) if same else None
 
 
-def add_matched(arrays: Arrays, other: Arrays, name: str, time: str, columns: Mapping[str, str]) -> str:
+def add_matched(
+    arrays: Arrays, other: Arrays | None, name: str, time: str, columns: Mapping[str, str]
+) -> str:
     """Add the samples of another series, if they are at the same times; return what is left out.
 
     Parameters
@@ -198,7 +214,7 @@ def add_matched(arrays: Arrays, other: Arrays, name: str, time: str, columns: Ma
     time : column of the times, us, in both.
     columns : name of a column in `arrays` to that in `other`. It has NaN where `other` has no row.
     """
-    if not {time, *columns.values()} <= set(other):
+    if other is None or not {time, *columns.values()} <= set(other):
         return ""
     rows = rows_at(arrays[time], other[time])
     if rows is None:

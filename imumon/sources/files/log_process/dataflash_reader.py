@@ -153,13 +153,11 @@ class DataFlashLog(ArrayLog):
 
     def _add_accelerometer(self, name: str, arrays: Arrays) -> str:
         """Add the samples of the accelerometer to those of its gyroscope; return what is not used."""
-        accel_name = name.replace("GYR", "ACC", 1)
-        other, columns = self.arrays.get(accel_name), SENSORS["accel"][0]
-        time = _time_of(arrays)
-        alone = {"gyro/x", "accel/x"} & set(_map_of(arrays)) == {"gyro/x"}
-        if not name.startswith("GYR") or other is None or time is None or not alone:
+        accel_name, time = name.replace("GYR", "ACC", 1), _time_of(arrays)
+        if not name.startswith("GYR") or time is None:
             return ""
-        return add_matched(arrays, other, accel_name, time, dict(zip(columns, columns, strict=True)))
+        columns = {column: column for column in SENSORS["accel"][0]}
+        return add_matched(arrays, self.arrays.get(accel_name), accel_name, time, columns)
 
     def _add_temperature(self, number: int, arrays: Arrays) -> None:
         """Add the temperature that the `IMU` messages of a sensor have to its raw samples."""

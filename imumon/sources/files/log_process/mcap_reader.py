@@ -23,8 +23,7 @@ import numpy as np
 from rosbags.rosbag2.storage_mcap import decompress
 
 from imumon.model.samples import Floats
-from imumon.sources.files.base import ROWS
-from imumon.sources.files.log_process.base import LOG_TIME, Log, Topic
+from imumon.sources.files.log_process.base import LOG_TIME, Log, Topic, batches
 
 MAGIC = b"\x89MCAP0\r\n"
 _HEADER, _SCHEMA, _CHANNEL, _MESSAGE, _CHUNK, _DATA_END = 0x01, 0x03, 0x04, 0x05, 0x06, 0x0F
@@ -93,20 +92,10 @@ class McapLog(Log):
 
     def blocks(self, topic: int, columns: Sequence[str]) -> Iterator[tuple[Floats, int]]:
         wanted, origin = self._channels[topic], 0
-        rows: list[list[float]] = []
-        size = 0
-        for channel, logged, data in self._messages():
-            if channel != wanted:
-                continue
-            origin = origin or logged  # as a float, a span is exact to the ns, an epoch is not
-            fields = {**_fields(data), LOG_TIME: float(logged - origin)}
-            rows.append([fields.get(name, math.nan) for name in columns])
-            size += len(data)
-            if len(rows) == ROWS:
-                yield np.array(rows), size
-                rows, size = [], 0
-        if rows:
-            yield np.array(rows), size
+        for batch, size in batches((logged, data) for of, logged, data in self._messages() if of == wanted):
+            origin = origin or batch[0][0]  # as a float, a span is exact to the ns, an epoch is not
+            fields = ({**_fields(data), LOG_TIME: float(logged - origin)} for logged, data in batch)
+            yield np.array([[each.get(name, math.nan) for name in columns] for each in fields]), size
 
 
 def _records(file: BinaryIO) -> Iterator[tuple[int, bytes]]:

@@ -121,7 +121,7 @@ def _known_fields(
     known = {f"{sensor}/{axis}": f"{axis}:{unit}" for axis in AXES}
     if "temperature" in arrays:
         known["temperature"] = "temperature:degC"
-    if name == "sensor_accel" or accel is None:
+    if name == "sensor_accel":
         return known, None, ""
     columns = {f"sensor_accel.{axis}": axis for axis in AXES}
     note = add_matched(arrays, accel, "sensor_accel", time, columns)
