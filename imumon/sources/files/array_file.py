@@ -246,10 +246,25 @@ def _parquet(path: str) -> dict[str, Any]:
 
     file = parquet.ParquetFile(_opened(path), page_checksum_verification=True)
     are_read = (kinds.is_integer, kinds.is_floating, kinds.is_timestamp, kinds.is_duration)
-    names = [field.name for field in file.schema_arrow if any(is_kind(field.type) for is_kind in are_read)]
-    _check_size(path, 8 * file.metadata.num_rows * len(names), "parquet")
+    # of a list: what it has
+    elements = {f.name: getattr(f.type, "value_field", f).type for f in file.schema_arrow}
+    names = [name for name, kind in elements.items() if any(is_kind(kind) for is_kind in are_read)]
+    groups = map(file.metadata.row_group, range(file.num_row_groups))
+    values = (group.column(k).num_values for group in groups for k in range(group.num_columns))
+    _check_size(path, 8 * sum(values), "parquet")
     table = file.read(columns=names, use_threads=False)
-    return {name: table.column(name).to_numpy() for name in names}
+    return {name: _parquet_column(table.column(name)) for name in names}
+
+
+def _parquet_column(column: Any) -> Any:
+    """Return the numbers of a column, (n, k) of lists; (0,): these have several lengths."""
+    if not hasattr(column.type, "value_field"):
+        return column.to_numpy()
+    from pyarrow import compute
+
+    lengths = compute.list_value_length(column).unique()
+    numbers = column.combine_chunks().flatten().to_numpy()
+    return numbers.reshape(len(column), -1) if len(lengths) == 1 else numbers[:0]
 
 
 _READERS: Mapping[str, Callable[[str], dict[str, Any]]] = {

@@ -169,8 +169,8 @@ class ColumnClock:
         if column.known is not None:
             return column.known.quantity == "t" and _is_possible(step * column.known.factor)
         counts_rows = step == 1.0 or COUNTER.search(column.words)
-        shows = not column.words or self._unit(column) or _is_steady(column)
-        return bool(TIME.search(column.words)) or bool(not counts_rows and shows)
+        shows = not counts_rows and (not column.words or _is_steady(column))
+        return bool(TIME.search(column.words) or self._unit(column) or shows)
 
     def _rank(self, column: NamedColumn) -> tuple[object, ...]:
         """Return the order of clocks: that of a sensor, the stated rate, no restart, a name, even steps."""

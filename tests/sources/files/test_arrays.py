@@ -108,6 +108,13 @@ WRITERS: dict[str, Callable[[Path], Any]] = {
     "parts.mat": lambda path: mat(path, **parts()),
     "octave.txt": lambda path: path.write_text(OCTAVE),
     "a.parquet": lambda path: parquet(path, name=["a"] * len(T), **columns()),
+    "lists.parquet": lambda path: parquet(
+        path,
+        t=T,
+        gyro=GYRO.tolist(),
+        accel=ACCEL.tolist(),
+        ragged=[[0.5] * (1 + k % 2) for k in range(len(T))],
+    ),
     "stamps.parquet": lambda path: parquet(
         path, **{**columns(), "t": np.rint(1.7e9 * 1e9 + T * 1e9).astype("datetime64[ns]")}
     ),

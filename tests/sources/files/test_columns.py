@@ -150,6 +150,7 @@ def test_a_clock_that_counts_from_1970_is_certain(start: float) -> None:
     unit = start / 1.7e9
     reading = read("time,ax,ay,az", start + 0.01 * unit * STEP, ACCEL)
     assert reading.certain
+    assert read("index,ax,ay,az", start + 0.01 * unit * STEP, ACCEL).certain
     assert reading.layout().times[0].factor == pytest.approx(1e9 / unit)
 
 
