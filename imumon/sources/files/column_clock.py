@@ -112,17 +112,14 @@ class ColumnClock:
         If it has none of these, it counts ticks of its own, and the clock whose unit is known is used.
         """
         stated = next((c for c in clocks if self._unit(c) and not self._is_of_other(c)), best)
-        if best.unit or self._unit(best) or self._rate is not None or stated is best:
+        if stated is best or self._rate is not None:
             return self.use_of(best)
         use = self.use_of(stated)
         assert use.known is not None
-        seconds = float(np.ptp(stated.present)) * use.known.factor
+        per_second = float(np.ptp(best.present) / np.ptp(stated.present)) / use.known.factor
         for text, factor in CLOCK_UNITS.items():
-            if abs(float(np.ptp(best.present)) * factor / seconds - 1.0) < STATED_SHARE:
-                reason = f"{label_of(best)} runs as {label_of(stated)}"
-                return replace(
-                    use, columns=(best.index,), unit=text, known=known_unit(text, "t"), reason=reason
-                )
+            if abs(per_second * factor - 1.0) < STATED_SHARE:
+                return replace(use, columns=(best.index,), unit=text, known=known_unit(text, "t"))
         return use
 
     def use_of(self, column: NamedColumn) -> Use:

@@ -429,14 +429,12 @@ def _without_rare(ids: Sequence[tuple[str, ...]]) -> list[tuple[str, ...]]:
     return [x for x in ids if counts[x] >= fewest]
 
 
-def _between(parsed: Sequence[PrintedLine], record: Sequence[PrintedLine]) -> Iterator[str]:
-    """Yield the patterns of lines that come several times and begin as no line of a record: that would be damaged."""
+def _between(parsed: Sequence[PrintedLine], record: Sequence[PrintedLine]) -> tuple[str, ...]:
+    """Return the patterns of lines that come several times and begin as no line of a record: that would be damaged."""
     begins = {line.literals[0] for line in record}
-    others = {line.literals: line for line in parsed if line.values and line.literals[0] not in begins}
+    lines = {line.literals: line for line in parsed if line.values and line.literals[0] not in begins}
     counts = Counter(line.literals for line in parsed)
-    for literals, line in others.items():
-        if counts[literals] > 2:
-            yield _pattern([line], {})
+    return tuple(_pattern([lines[template]], {}) for template in lines if counts[template] > 2)
 
 
 def _period(ids: Sequence[tuple[str, ...]]) -> int | None:
@@ -495,7 +493,7 @@ def _template_table(
         dates,
         lines=period,
         tail=tail,
-        between=tuple(_between(parsed, record)),
+        between=_between(parsed, record),
     )
     if samples and _are_of_one_sensor(table.rows, samples):
         return [replace(_by_samples(table, samples), pattern=pattern)]

@@ -147,7 +147,7 @@ def unit_of_rate(rows: Floats, beside: str, noise_beside: float) -> str:
 
     Parameters
     ----------
-    beside : unit of the accelerometer beside it: programs write deg/s with g, and rad/s with m/s^2.
+    beside : unit of the accelerometer beside it.
     noise_beside : m/s2, of a sample of that accelerometer; 0.0: unknown.
     """
     noise = sample_noise(rows)
@@ -155,6 +155,4 @@ def unit_of_rate(rows: Floats, beside: str, noise_beside: float) -> str:
         return "mrad/s"
     if noise > NOISIEST_DEG:
         return "mdeg/s" if noise > 20.0 or beside == "mg" else "deg/h"
-    hint = {"g": 1.5, "mg": 1.5, "m/s^2": 0.7}.get(beside, 1.0)
-    between = BETWEEN_UNITS_BESIDE * noise_beside or BETWEEN_UNITS
-    return "deg/s" if noise * hint > between else "rad/s"
+    return "deg/s" if noise > (BETWEEN_UNITS_BESIDE * noise_beside or BETWEEN_UNITS) else "rad/s"
