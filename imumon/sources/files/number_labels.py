@@ -64,6 +64,7 @@ class _Labels:
     names, units, sections : of each number so far.
     section : words before a bare axis.
     base, index : name of a list, and place of its last element.
+    unit_before : unit before the last number, which the next elements of its list have, too.
     was_assigned : an equals sign is before the last number.
     """
 
@@ -73,6 +74,7 @@ class _Labels:
     section: str = ""
     base: str = ""
     index: int = 0
+    unit_before: str = ""
     was_assigned: bool = False
 
     def add(self, text: str, *, is_date: bool) -> None:
@@ -98,7 +100,8 @@ class _Labels:
         self.was_assigned = text.rstrip().endswith("=")
         continues = bool(self.units) and not (label or begins_list) and self.sections[-1] == self.section
         self.names.append(name)
-        self.units.append(unit or (self.units[-1] if continues else ""))
+        self.unit_before = unit or (self.unit_before if continues else "")
+        self.units.append(self.unit_before)
         self.sections.append(self.section)
 
     def _without_unit_behind(self, text: str) -> str:

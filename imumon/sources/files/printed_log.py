@@ -201,12 +201,13 @@ def _are_mostly_values(cells: Sequence[str], separator: str | None, decimal: boo
 
 
 def _has_labelled_number(cell: str) -> bool:
-    """Return whether a cell has a name before its number, or several numbers."""
+    """Return whether a cell has a name before its number, a unit behind it, or several numbers."""
     cell = _ADDRESS.sub("", cell)
     numbers = sum(match["void"] is None for match in TOKEN.finditer(cell))
     if re.fullmatch(r"\d{1,4}([-/.])\d{1,2}\1\d{1,4}", cell):  # a day
         return False
-    return numbers > 1 or (numbers == 1 and re.search(r"[A-Za-z\"'][:= ]\s*[\[({]?[-+.\d]", cell) is not None)
+    labelled = re.search(rf"[A-Za-z\"'][:= ]\s*[\[({{]?[-+.\d]|^{_N} [A-Za-z°]", cell)
+    return numbers > 1 or (numbers == 1 and labelled is not None)
 
 
 def _cell_tables(lines: Sequence[str], separator: str | None, decimal: bool) -> list[PrintedTable]:

@@ -190,6 +190,12 @@ def test_a_unit_in_brackets_behind_numbers_is_theirs() -> None:
     assert tables(text)[0].units == ("ms", *("rad/s",) * 3, *("g",) * 3)
 
 
+def test_a_unit_in_a_cell_is_that_of_its_column() -> None:
+    table = tables(lines(CSV.replace("{}", "{} sec", 1), ",".join(NAMES) + "\n"))[0]
+    assert (table.names, table.units) == (NAMES, ("sec", *("",) * 6))
+    assert table.rows[-300:] == pytest.approx(ROWS[-300:])
+
+
 def test_bars_may_be_around_the_cells() -> None:
     text = lines("| " + " | ".join(["{}"] * 7) + " |\n", f"|{'|'.join(NAMES)}|\n{'|---' * 7}|\n")
     assert tables(text)[0].names == ("", *NAMES, "")
