@@ -62,6 +62,7 @@ from imumon.sources.files.sizes_at_rest import (
     NOISIEST_DEG,
     STRONGEST,
     counts_of_gravity,
+    doubt_at_rest,
     is_direction,
     is_one_g,
     same_sensor,
@@ -283,21 +284,11 @@ class _ColumnReader:
         )
         use = _use(key, triple, unit, reason, certain=certain, kind=kind)
         assert use.known is not None
-        noise = sample_noise(triple.rows * use.known.factor)
-        if quantity == "gyro" and noise > 10.0 * NOISIEST:
-            self._remarks.append(
-                f"{triple.label}: the noise is {math.degrees(noise):.2g} deg/s in the unit {unit}, more than that of a "
-                "gyroscope at rest: its unit may be wrong"
-            )
-        if quantity != "accel" or len(triple.axes) < len(AXES) or is_one_g(triple.size * use.known.factor):
-            return use
-        if reason := _contradiction(triple, unit, use.known):
+        doubt = doubt_at_rest(quantity, triple.rows * use.known.factor, 10.0 * NOISIEST)
+        if doubt and quantity == "accel" and (reason := _contradiction(triple, unit, use.known)):
             other = next(iter(units_of_gravity(triple.size)), unit)
             return _use(key, triple, other, reason, kind=kind)
-        self._remarks.append(
-            f"the length of {triple.label} is {triple.size:.4g} {unit}, and not 1 g: its unit may be wrong, or gravity "
-            "has been removed"
-        )
+        self._remarks += [f"{triple.label} in {unit}: {doubt}"] if doubt else []
         return use
 
     def _of_unknown_unit(self, triple: Triple, key: str) -> Use | None:

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from imumon.model.samples import Floats
+from imumon.model.samples import AXES, Floats
 from imumon.model.units import STANDARD_GRAVITY
 from imumon.sources.files.unit_grammar import known_unit
 
@@ -107,6 +107,24 @@ def median_size(rows: Floats) -> float | None:
     """Return the median length of (n, k) vectors, those that are finite; None: there is none."""
     valid = rows[np.isfinite(rows).all(axis=1)]
     return float(np.median(np.linalg.norm(valid, axis=1))) if len(valid) else None
+
+
+def doubt_at_rest(sensor: str, rows: Floats, noisiest: float) -> str:
+    """Return what (n, k) values of a sensor, in SI, say against their unit; empty: nothing.
+
+    Parameters
+    ----------
+    noisiest : rad/s, noise of a sample of a gyroscope at most.
+    """
+    size, noise = median_size(rows), sample_noise(rows)
+    # two axes do not show gravity: at rest, the third one may hold all of it
+    if sensor == "accel" and rows.shape[1] == len(AXES) and size is not None and not is_one_g(size):
+        return (
+            f"the length is {size:.3g} m/s^2, and not 1 g: its unit may be wrong, or gravity has been removed"
+        )
+    if sensor == "gyro" and noise > noisiest:
+        return f"the noise is {math.degrees(noise):.2g} deg/s, more than at rest: its unit may be wrong"
+    return ""
 
 
 GRAVITY_UNITS = ("m/s^2", "g", "mg", "cm/s^2", "mm/s^2")

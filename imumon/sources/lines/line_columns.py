@@ -70,15 +70,20 @@ class LinesUrl:
 def read_options(settings: Mapping[str, str], rate_hz: float | None) -> ReadOptions:
     """Return how the first lines are read; raise `InvalidOption` if a parameter gives no unit, or no map."""
     units = {quantity: settings[name] for name, quantity in SENSORS.items() if name in settings}
-    try:
-        check_meaning(units, None)
-    except ImumonError as error:
-        raise InvalidOption("lines_unit_invalid", error.message, error.cure) from None
+    _check_units(units)
     try:
         columns = parse_map(settings["map"]) if "map" in settings else None
     except ImumonError as error:
         raise InvalidOption("lines_columns_invalid", error.message, error.cure) from None
     return ReadOptions(columns=columns, rate_hz=rate_hz, units=units, accept="accept" in settings)
+
+
+def _check_units(units: Mapping[str, str]) -> None:
+    """Raise `InvalidOption` if one of the units, by quantity, is none."""
+    try:
+        check_meaning(units, None)
+    except ImumonError as error:
+        raise InvalidOption("lines_unit_invalid", error.message, error.cure) from None
 
 
 def columns_of(settings: Mapping[str, str]) -> LineColumns:
@@ -88,24 +93,30 @@ def columns_of(settings: Mapping[str, str]) -> LineColumns:
     ------
     InvalidOption : a name or a unit is unknown, or there is neither a gyroscope nor an accelerometer.
     """
-    names, units = settings["columns"].split(","), read_options(settings, None).units
+    names = [name.strip() for name in settings["columns"].split(",")]
+    units = {**SI, **read_options(settings, None).units}
     fields: dict[str, str] = {}
     for k, name in enumerate(names):
-        channel, unit = named_channel(name.strip())
-        unit = unit or {**SI, **units}.get("time" if channel == "t" else ChannelName(channel).sensor, "")
-        if name.strip() in ("-", ""):
+        if name in ("-", ""):
             continue
-        if channel not in (*CHANNELS, "t") or channel in fields or not unit:
-            text = f"lines: has no column {name!r}, it is there twice, or its time has no unit"
-            raise InvalidOption("lines_columns_invalid", text, NAMES_CURE)
+        channel, unit = named_channel(name)
+        if channel not in (*CHANNELS, "t") or channel in fields:
+            raise _invalid(f"lines: has no column {name!r}, or it is there twice")
+        quantity = "time" if channel == "t" else ChannelName(channel).sensor
+        unit = unit or units.get(quantity, "")
+        if not unit:
+            raise _invalid(f"the time {name!r} has no unit")
+        _check_units({quantity: unit})
         fields[channel] = f"{k + 1}:{unit}"
     try:
         reading = read_columns(names, (), np.empty((0, len(names))), ReadOptions(columns=fields))
     except ImumonError as error:
-        if error.code == "unknown_unit":
-            raise InvalidOption("lines_unit_invalid", error.message, error.cure) from None
-        raise InvalidOption("lines_columns_invalid", error.message, NAMES_CURE) from None
+        raise _invalid(error.message) from None
     return line_columns(reading, {n: settings[n] for n in ("columns", *SENSORS) if n in settings})
+
+
+def _invalid(text: str) -> InvalidOption:
+    return InvalidOption("lines_columns_invalid", text, NAMES_CURE)
 
 
 def line_columns(reading: Reading, settings: Mapping[str, str]) -> LineColumns:

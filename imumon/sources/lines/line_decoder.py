@@ -32,13 +32,13 @@ from imumon.grid.live_stamps import LiveStamps
 from imumon.model.errors import QUOTED, ImumonError
 from imumon.model.ledger import REASONS, Ledger
 from imumon.model.report_json import plain
-from imumon.model.samples import AXES, INERTIAL, LONGEST_NS, Floats, SampleBlock
+from imumon.model.samples import INERTIAL, LONGEST_NS, Floats, SampleBlock
 from imumon.sources.device import RESTART_NS
 from imumon.sources.files.base import RecordingError
 from imumon.sources.files.column_header import are_names
 from imumon.sources.files.printed_log import TOO_LONG_BYTES, PrintedTable, tables
 from imumon.sources.files.record_reader import OUTSIDE, RecordForm, line_kind
-from imumon.sources.files.sizes_at_rest import NOISIEST, is_one_g, median_size, sample_noise
+from imumon.sources.files.sizes_at_rest import NOISIEST, doubt_at_rest
 from imumon.sources.files.table_choice import chosen_table
 from imumon.sources.files.table_clock import counter_unit
 from imumon.sources.files.text_cells import decoded
@@ -312,16 +312,11 @@ class LineDecoder:
 
 
 def _unit_doubts(columns: LineColumns, rows: Floats) -> Iterator[str]:
-    """Yield what (n, k) values in SI say against their units: gravity, and more noise than at rest."""
-    sensors = [channel.sensor for channel in columns.stream.channels]
-    accel = [k for k, sensor in enumerate(sensors) if sensor == "accel"]
-    # two axes do not show gravity: at rest, the third one may hold all of it
-    size = median_size(rows[:, accel]) if len(accel) == len(AXES) else None
-    if size and not is_one_g(size):
-        yield f"the acceleration is {size:.3g} m/s^2, and at rest it is 9.81: check its unit, accel="
-    gyro = [
-        k for k, sensor in enumerate(sensors) if sensor == "gyro" and columns.layout.used[k].factor == 1.0
-    ]
-    if gyro and sample_noise(rows[:, gyro]) > NOISIEST:
-        noise = f"{math.degrees(sample_noise(rows[:, gyro])):.2g} deg/s"
-        yield f"the noise of the gyroscope is {noise} if it is in rad/s, more than at rest: check its unit, gyro=deg/s"
+    """Yield what (n, k) values in SI say against their units."""
+    used = columns.layout.columns
+    for sensor in INERTIAL:
+        axes = [k for k, column in enumerate(used) if column.use.sensor == sensor]
+        # where no unit is given, rad/s is meant
+        noisiest = NOISIEST if axes and used[axes[0]].factor == 1.0 else math.inf
+        if axes and (doubt := doubt_at_rest(sensor, rows[:, axes], noisiest)):
+            yield f"{sensor}: {doubt}; check {sensor}="
