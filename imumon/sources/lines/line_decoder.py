@@ -93,7 +93,7 @@ class LineDecoder:
         self.columns: LineColumns | None = None
         if "columns" in settings:
             names = tuple(settings["columns"].split(","))
-            table = PrintedTable(names, names, np.empty((0, len(names))), 0)
+            table = PrintedTable(names, (), np.empty((0, len(names))), 0)
             by_mark = {mark: replace(table, separator=mark, decimal=mark == ";") for mark in (";", ",", None)}
             # numbers are in all columns, also in those that the URL ignores
             self._use(columns_of(settings), by_mark, range(len(names)))
@@ -136,7 +136,8 @@ class LineDecoder:
     @property
     def remarks(self) -> tuple[str, ...]:
         stamps = self._stamps.remark if self._stamps is not None else None
-        doubts = [self._fault, self._question, stamps, *self._unit_doubts]
+        # before the columns are known, no line is a sample
+        doubts = [self._question or self._fault, stamps, *self._unit_doubts]
         return tuple(text for text in doubts if text)
 
     def feed(self, data: bytes) -> list[SampleBlock]:

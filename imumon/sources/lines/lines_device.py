@@ -33,16 +33,17 @@ class LinesSession(Session):
         self._first: bytes | None = None if url.path.startswith(("udp:", STANDARD_INPUT)) else b""
 
     def info(self) -> DeviceInfo:
-        decoder, columns = self._decoder, self._decoder.columns
-        known: dict[str, Any] = {}
+        decoder, columns, rate_doubts = self._decoder, self._decoder.columns, tuple(self._rate_doubts())
+        facts: dict[str, Any] = {"caveats": ()}
         if columns is not None:
-            known = {"settings": columns.settings, **columns.stream.facts}
-            known["caveats"] = (*known.get("caveats", ()), *columns.caveats)
-        if self._port.has_rival:
-            known["caveats"] = (*known.get("caveats", ()), "other_sender")
-        rate_doubts = tuple(self._rate_doubts())
-        if rate_doubts:
-            known["caveats"] = (*known.get("caveats", ()), "doubtful_rate")
+            facts = {
+                **columns.stream.facts,
+                "settings": columns.settings,
+                "columns": column_account(columns.account),
+                "caveats": (*columns.stream.caveats, *columns.caveats),
+            }
+        rivals = ("other_sender",) if self._port.has_rival else ()
+        facts["caveats"] += rivals + (("doubtful_rate",) if rate_doubts else ())
         return DeviceInfo(
             id=self._url.id,
             kind="sensor that prints lines",
@@ -51,8 +52,7 @@ class LinesSession(Session):
             sample_rate_hz=self._url.rate_hz,
             data_settings=tuple(SENSORS),
             remarks=(*decoder.remarks, *self._doubts(), *rate_doubts),
-            columns=column_account(columns.account) if columns else (),
-            **known,
+            **facts,
         )
 
     def _doubts(self) -> Iterator[str]:

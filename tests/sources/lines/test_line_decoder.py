@@ -7,6 +7,7 @@ import re
 import shlex
 from collections.abc import Iterator
 from decimal import Decimal
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -17,6 +18,7 @@ from paths import ROOT
 from imumon.model.samples import ACCEL, GYRO, SampleBlock
 from imumon.record import Record
 from imumon.sources.device import InvalidOption
+from imumon.sources.files import ReadOptions, open_recording
 from imumon.sources.lines.line_decoder import LONGEST_LINE, LineDecoder
 from imumon.sources.lines.lines_driver import parse_url
 
@@ -177,6 +179,28 @@ def test_the_first_lines_show_how_a_sample_is_printed(form: str, unit: str, firs
     again, _ = decoded(data, dict(decoder.columns.settings))
     assert rows(again) == pytest.approx(rows(blocks))
     assert times(again) == times(blocks)
+
+
+LIKE_FILES = {
+    "words and checks": "$IMX,{0:.2f},{1:.6f},{2:.6f},{3:.6f},{4:.4f},{5:.4f},{6:.4f}*4F\n",
+    "dates": "2024-01-01T10:00:{0:09.6f},{1:.6f},{2:.6f},{3:.6f},{4:.4f},{5:.4f},{6:.4f}\n",
+    "two sensors": "gyro,{0:.2f},{1:.6f},{2:.6f},{3:.6f}\nacc,{0:.2f},{4:.4f},{5:.4f},{6:.4f}\n",
+}
+
+
+@pytest.mark.parametrize("form", LIKE_FILES.values(), ids=LIKE_FILES)
+def test_a_device_is_read_as_a_file_of_its_lines(form: str, tmp_path: Path) -> None:
+    rng = np.random.default_rng(2)
+    sizes = rng.normal((0.0, 0.0, 0.0, 0.0, 0.0, 9.81), (1e-3,) * 3 + (1e-2,) * 3, (300, 6))
+    text = "".join(form.format(0.01 * k, *row) for k, row in enumerate(sizes.tolist()))
+    (tmp_path / "a.log").write_text(text)
+    blocks, decoder = decoded(text.encode(), {"accept": ""}, size=100)
+    recording = open_recording(str(tmp_path / "a.log"), ReadOptions(accept=True))
+    recorded = [block for items in recording for block in items if isinstance(block, SampleBlock)]
+    assert rows(blocks) == pytest.approx(rows(recorded))
+    assert blocks[0].stream.channels == recorded[0].stream.channels
+    counts = {reason: count for reason, count in decoder.ledger.items() if reason != "pending"}
+    assert counts == recording.ledger
 
 
 def test_a_question_is_asked_once_for_all_attempts() -> None:
