@@ -101,7 +101,7 @@ class Table(Recording):
 
     def _noted(self, blocks: Iterator[SampleBlock]) -> list[SampleBlock]:
         """Return some blocks, after what their rows show is set on the recording."""
-        made = list(blocks)
+        decoded = list(blocks)
         selection, clock, times = self._selection, self._clock, self._times
         unused = dict(selection.unused)
         if clock is not None and clock.unused:
@@ -116,7 +116,7 @@ class Table(Recording):
         self.started = None if times is None else times.started
         is_doubtful = clock is not None and clock.is_doubtful
         self.caveats = (*selection.caveats, *(["doubtful_rate"] if is_doubtful else []))
-        return made
+        return decoded
 
     def _line_ledger(self) -> Mapping[str, int]:
         """Return what was received, and what became of rows and lines that were not fed as numbers."""
