@@ -379,7 +379,7 @@ class _ColumnReader:
             unit = "rad" if use.key == "gyro" else "m/s"
         if unit is not None:
             known = known_unit(unit)
-            use = replace(use, unit=unit, known=known, certain=True, reason="its unit is given", scale=1.0)
+            use = replace(use, unit=unit, known=known, certain=True, reason="its unit is given", scales=())
         return replace(use, kind="deltas") if samples in ("average", "increment") else use
 
     def _beside_increments(self, gyro: Use, accel: Use | None) -> Use:
@@ -430,30 +430,37 @@ class _ColumnReader:
 
     def _given_use(self, key: str, named: Sequence[tuple[str, int, str, float]]) -> Use:
         """Return one sensor, or the time, that the user names; without a unit, that of the name or of the numbers."""
-        axes, scale = tuple(axis for axis, *_ in named), named[0][3]
+        axes, scales = tuple(axis for axis, *_ in named), tuple(scale for *_, scale in named)
         if key in SENSORS.values() and len(axes) == 2:
             missing = next(axis for axis in AXES if axis not in axes)
             text = f"{option('columns')} names only a part of {key}: {key}/{missing} is missing"
             raise RecordingError("map_incomplete", text, f"name it too, {key}/{missing}=COLUMN:UNIT")
         columns = [self._columns[index] for _, index, *_ in named]
-        unit, known = self._given_unit(key, columns, next((unit for *_, unit, _ in named if unit), ""))
-        scaled = tuple(replace(c, values=c.values * scale, unit=unit, known=known) for c in columns)
+        units = [*dict.fromkeys(unit for *_, unit, _ in named if unit)]
+        if len(units) > 1:
+            text = f"{option('columns')} gives the axes of {key} the units {' and '.join(units)}"
+            raise OptionError("map_syntax", text, "give one for all of them; COLUMN*2:UNIT scales an axis")
+        unit, known = self._given_unit(key, columns, [*units, ""][0])
+        scaled = tuple(
+            replace(column, values=column.values * scale, unit=unit, known=known)
+            for column, scale in zip(columns, scales, strict=True)
+        )
         triple = Triple(scaled, axes, columns[0].base)
-        if scale == 0.0:
+        if 0.0 in scales:
             reason = f"the size of {triple.label} is what only the owner knows: it is in the data sheet"
-            return replace(_use(key, triple, unit, reason, scale=0.0), known=None)
+            return replace(_use(key, triple, unit, reason, scales=scales), known=None)
         if known is not None:
             return self._with_given_unit(
-                _use(key, triple, unit, "it is given", certain=True, scale=scale), triple
+                _use(key, triple, unit, "it is given", certain=True, scales=scales), triple
             )
         if key == "t":
             return self._clock.use_of(columns[0])
         if key in INERTIAL:
             self._step_s, self._gravity = None, None
-            return replace(self._by_size(triple, key, delta=False, named=True), scale=scale)
+            return replace(self._by_size(triple, key, delta=False, named=True), scales=scales)
         default = {"temperature": "degC", "dt": "s"}.get(key, "")
         return _use(
-            key, triple, default, f"{columns[0].name} has no unit", certain=bool(default), scale=scale
+            key, triple, default, f"{columns[0].name} has no unit", certain=bool(default), scales=scales
         )
 
     def _with_given_unit(self, use: Use, triple: Triple) -> Use:
@@ -526,12 +533,12 @@ def _use(
     *,
     certain: bool = False,
     assumptions: tuple[Assumption, ...] = ("assumed_unit",),
-    scale: float = 1.0,
+    scales: tuple[float, ...] = (),
     kind: Kind | None = None,
 ) -> Use:
     """Return the sensor that a triple is in a unit; empty: nothing shows it."""
     known, kind = known_unit(unit, key) if unit else None, kind or kind_of(triple.words)
-    return Use(key, triple.indices, triple.axes, unit, known, certain, reason, assumptions, scale, kind)
+    return Use(key, triple.indices, triple.axes, unit, known, certain, reason, assumptions, scales, kind)
 
 
 def _rates_in_angles(triple: Triple) -> Use | None:
@@ -573,9 +580,10 @@ def _in_counts(triple: Triple, key: str) -> Use:
     counts = counts_of_gravity(triple.size) if key == "accel" else 0.0
     if counts:
         reason = f"{triple.label} are counts, of which 1 g has about {counts:g}"
-        return _use(key, triple, "g", reason, scale=1.0 / counts)
+        return _use(key, triple, "g", reason, scales=(1.0 / counts,) * len(triple.axes))
     reason = f"{triple.label} are counts: how many a unit has is in the data sheet"
-    return replace(_use(key, triple, "deg/s" if key == "gyro" else "g", reason, scale=0.0), known=None)
+    unit, scales = "deg/s" if key == "gyro" else "g", (0.0,) * len(triple.axes)
+    return replace(_use(key, triple, unit, reason, scales=scales), known=None)
 
 
 def _by_noise(triple: Triple, beside: Triple | None, *, named: bool) -> Use:

@@ -174,7 +174,7 @@ class Use:
     certain : columns and unit are stated, or physics shows them.
     reason : why, for people.
     assumptions : codes of what is assumed if it is not certain.
-    scale : units in a number: counts, or an axis that is turned around.
+    scales : of the columns, units in a number: of counts, or of an axis that is turned around; 0.0 is not known.
     kind : of the numbers of a sensor.
     """
 
@@ -186,8 +186,12 @@ class Use:
     certain: bool = False
     reason: str = ""
     assumptions: tuple[Assumption, ...] = ("assumed_unit",)
-    scale: float = 1.0
+    scales: tuple[float, ...] = ()
     kind: Kind = "unknown"
+
+    def factors(self, unit: float) -> list[float]:
+        """Return what makes the numbers of each column SI, by the factor of its unit."""
+        return [unit * scale for scale in self.scales or [1.0] * len(self.columns)]
 
 
 @dataclass(frozen=True, slots=True)
@@ -277,8 +281,10 @@ class Reading:
         """The proposal as fields of ``--map``."""
         fields = {}
         for use in (use for use in self.uses if use.key != "rows"):
-            references = [reference(k, self.names) for k in use.columns]
-            scale = "" if use.scale == 1.0 else f"*{use.scale:.12g}" if use.scale != 0.0 else "*SCALE"
+            references = [
+                reference(k, self.names) + ("" if scale == 1.0 else f"*{scale:.12g}" if scale else "*SCALE")
+                for k, scale in zip(use.columns, use.factors(1.0), strict=True)
+            ]
             unit = use.unit or ("HZ" if use.key == "rate" else "UNIT")
             if use.key == "rate":
                 fields["rate"] = unit
@@ -286,11 +292,11 @@ class Reading:
                 parts = unit.split("+")
                 fields["t"] = f"{references[0]}:{parts[0]}+{references[1]}:{parts[-1]}"
             elif use.axes in (("",), AXES):
-                fields[use.key] = f"{','.join(f'{r}{scale}' for r in references)}:{unit}"
+                fields[use.key] = f"{','.join(references)}:{unit}"
             else:
                 fields |= {
-                    f"{use.key}/{axis}": f"{r}{scale}:{unit}"
-                    for axis, r in zip(use.axes, references, strict=True)
+                    f"{use.key}/{axis}": f"{text}:{unit}"
+                    for axis, text in zip(use.axes, references, strict=True)
                 }
         return fields
 
@@ -349,8 +355,9 @@ class Reading:
             use = by_key.get(key)
             if use is None or use.known is None:
                 continue
-            in_ns = [factor * 1e9 for factor in factors_of(use)]
-            factors = in_ns if key == "t" else [use.known.factor * use.scale] * len(use.columns)
+            factors = use.factors(use.known.factor)
+            if key == "t":
+                factors = [factor * 1e9 for factor in factors_of(use)]
             for index, axis, factor in zip(use.columns, use.axes, factors, strict=True):
                 name, channel = plain(self.names[index]), ChannelName(f"{key}/{axis}" if axis else key)
                 yield Column(index, name, channel, use.known.quantity, factor, use.known.zero)
@@ -359,7 +366,8 @@ class Reading:
 def factors_of(use: Use) -> list[float]:
     """Return the seconds in a unit of each column of a time or an interval."""
     parts = [known_unit(part, "t") for part in use.unit.split("+")]
-    return [part.factor * use.scale for part in parts if part is not None]
+    scales = use.factors(1.0)
+    return [part.factor * scale for part, scale in zip(parts, scales, strict=True) if part is not None]
 
 
 def _kind_of_stream(stream: Kind | None, points: Sequence[Kind]) -> Kind:

@@ -293,6 +293,16 @@ def test_the_proposal_can_be_given_back_and_is_certain_then() -> None:
     assert again.layout().columns == proposal.layout().columns
 
 
+def test_each_axis_has_the_scale_that_the_map_gives_it() -> None:
+    given = parse_map("gyro/x=a*2:deg/s,gyro/y=b*-1:deg/s,gyro/z=c/4:deg/s")
+    reading = read("a,b,c", GYRO, columns=given, rate_hz=100.0)
+    assert [column.factor / DEG for column in reading.layout().columns] == pytest.approx([2.0, -1.0, 0.25])
+    assert parse_map(reading.map) == {**given, "gyro/z": "c*0.25:deg/s", "rate": "100"}
+    with pytest.raises(ImumonError) as wrong:
+        read("a,b,c", GYRO, columns=given | {"gyro/y": "b:rad/s"})
+    assert wrong.value.code == "map_syntax"
+
+
 def test_counts_need_the_number_of_the_data_sheet() -> None:
     counts = np.rint(np.hstack([GYRO / DEG * 131.0, ACCEL / G * 16384.0]))
     reading = read("t_ms,gx,gy,gz,ax,ay,az", 10 * STEP, counts)
@@ -313,9 +323,9 @@ def test_whole_numbers_are_in_the_unit_that_is_nearest_to_1_g() -> None:
     assert not in_mg.certain
     assert {use.key: use.unit for use in in_mg.uses} == {"gyro": "mdeg/s", "accel": "mg", "t": "ms"}
     in_counts = read("t_ms,gx,gy,gz,ax,ay,az", 10 * STEP, gyro, np.rint(1024.0 * accel))
-    assert [use.scale for use in in_counts.uses] == [0.0, 1.0 / 1024.0, 1.0]
+    assert [use.scales[:1] for use in in_counts.uses] == [(0.0,), (1.0 / 1024.0,), ()]
     beside_others = read("t_ms,gx,gy,gz,ax,ay,az", 10 * STEP, gyro, 1000.0 * accel)
-    assert beside_others.uses[0].scale == 0.0
+    assert beside_others.uses[0].scales == (0.0,) * 3
 
 
 @pytest.mark.parametrize(
