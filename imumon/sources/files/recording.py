@@ -90,22 +90,19 @@ class DecodedCapture(Recording):
 
 
 def _in_blocks(items: Iterable[bytes | Gap], size: int) -> Iterator[bytes | Gap]:
-    """Yield the same bytes in blocks of about a size, none across a gap."""
-    waiting: list[bytes] = []
-    length = 0
+    """Yield the same bytes in blocks of a size, none across a gap."""
+    waiting = bytearray()
     for item in items:
         if isinstance(item, Gap):
-            yield b"".join(waiting)
+            yield bytes(waiting)
             yield item
-            waiting, length = [], 0
+            waiting.clear()
             continue
-        for first in range(0, len(item), size):
-            waiting.append(item[first : first + size])
-            length += len(waiting[-1])
-            if length >= size:
-                yield b"".join(waiting)
-                waiting, length = [], 0
-    yield b"".join(waiting)
+        waiting += item
+        while len(waiting) >= size:
+            yield bytes(waiting[:size])
+            del waiting[:size]
+    yield bytes(waiting)
 
 
 HEAD_OF_KIND = 256
