@@ -105,8 +105,8 @@ class _Labels:
         self.sections.append(self.section)
 
     def _without_unit_behind(self, text: str) -> str:
-        """Return a text without the unit of the number before it, which is stated."""
-        behind = _unit_behind(text) if self.names else ""
+        """Return a text without the unit of the number before it, which is stated now; one before that number is it."""
+        behind = _unit_behind(text) if self.names and not self.units[-1] else ""
         end = text.find(behind) + len(behind)
         self.state_unit_behind(behind)
         return text[end:]

@@ -186,8 +186,12 @@ def test_a_line_of_units_is_that_of_the_names(form: str) -> None:
 
 
 def test_a_unit_in_brackets_behind_numbers_is_theirs() -> None:
-    text = lines("T: {} [ms]\nrate: [ {} {} {} ] [rad/s]\nacc: ( {} {} {} ) (g)\n", "ready\n")
-    assert tables(text)[0].units == ("ms", *("rad/s",) * 3, *("g",) * 3)
+    forms = (
+        "T: {} [ms]\nrate: [ {} {} {} ] [rad/s]\nacc: ( {} {} {} ) (g)\n",
+        "[ms] {} [rad/s] {} {} {} (g) {} {} {}\n",
+    )
+    for form in forms:  # but those of the next ones if each is before its numbers
+        assert tables(lines(form, "ready\n"))[0].units == ("ms", *("rad/s",) * 3, *("g",) * 3)
 
 
 def test_a_unit_in_a_cell_is_that_of_its_column() -> None:
