@@ -38,6 +38,9 @@ CLOCK_UNITS = {**SINCE_UNITS, "day": DAY}
 STATED_SHARE = 0.02
 """Share by which the rate of a clock may differ from one that is stated: those are nominal."""
 
+ALIKE = 0.01
+"""Share by which two clocks of one time may differ, that of a host by its jitter: a 1024th of a second is no ms."""
+
 MOST_INTERVALS = 30.0
 """Ratio of an interval to the typical step of the time, or its reciprocal, beyond which it is another quantity."""
 
@@ -118,7 +121,7 @@ class ColumnClock:
         assert use.known is not None
         per_second = float(np.ptp(best.present) / np.ptp(stated.present)) / use.known.factor
         for text, factor in CLOCK_UNITS.items():
-            if abs(per_second * factor - 1.0) < STATED_SHARE:
+            if abs(per_second * factor - 1.0) < ALIKE:
                 return replace(use, columns=(best.index,), unit=text, known=known_unit(text, "t"))
         return use
 

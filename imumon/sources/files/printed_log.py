@@ -433,9 +433,9 @@ def _without_rare(ids: Sequence[tuple[str, ...]]) -> list[tuple[str, ...]]:
 def _between(parsed: Sequence[PrintedLine], record: Sequence[PrintedLine]) -> tuple[str, ...]:
     """Return the patterns of lines that come several times and begin as no line of a record: that would be damaged."""
     begins = {line.literals[0] for line in record}
-    lines = {line.literals: line for line in parsed if line.values and line.literals[0] not in begins}
-    counts = Counter(line.literals for line in parsed)
-    return tuple(_pattern([lines[template]], {}) for template in lines if counts[template] > 2)
+    lines = {line.literals: line for line in parsed}
+    counts = Counter(x for x in (line.literals for line in parsed if line.values) if x[0] not in begins)
+    return tuple(_pattern([lines[x]], {}) for x, count in counts.most_common(MOST_CODES) if count > 2)
 
 
 def _period(ids: Sequence[tuple[str, ...]]) -> int | None:

@@ -169,7 +169,9 @@ def test_a_clock_that_never_falls_is_before_one_that_starts_again() -> None:
     assert reading.uses[1].columns == (0,)
 
 
-@pytest.mark.parametrize(("step", "use"), [(10.0, (0, "ms")), (1e7, (0, "ns")), (4.5e4, (1, "s"))])
+@pytest.mark.parametrize(
+    ("step", "use"), [(10.0, (0, "ms")), (1e7, (0, "ns")), (4.5e4, (1, "s")), (10.24, (1, "s"))]
+)
 def test_a_clock_without_a_unit_has_that_in_which_it_runs_as_a_stated_one(
     step: float, use: tuple[int, str]
 ) -> None:
