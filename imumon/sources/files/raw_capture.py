@@ -25,18 +25,17 @@ from __future__ import annotations
 import gzip
 import json
 import os
-import re
 import stat
 import sys
 import zlib
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from datetime import UTC, datetime
 from typing import Any, BinaryIO, cast
 
 from imumon.files import open_regular
 from imumon.model.errors import why
-from imumon.model.report import MOST_CHARACTERS, stamp
-from imumon.model.report_json import plain
+from imumon.model.report import stamp
+from imumon.model.report_json import JsonReader
 from imumon.model.samples import FASTEST_HZ, SLOWEST_HZ, Gap
 from imumon.model.system_errors import cure_of_reading
 from imumon.sources.files.base import LONGEST_LINE, SQLITE, RecordingError
@@ -285,7 +284,7 @@ def split_lines(chunks: Iterator[bytes]) -> Iterator[bytes | dict[str, Any]]:
     """Yield bytes, and the fields of the lines between them; an invalid line has none.
 
     >>> list(split_lines(iter([b"ab#imumon-rec", b'ording {"away_s": 2}', b"\\ncd#", b"e"])))
-    [b'ab', {'away_s': 2.0}, b'cd', b'#e']
+    [b'ab', {'away_s': 2}, b'cd', b'#e']
     """
     waiting = b""
     for chunk in chunks:
@@ -355,58 +354,39 @@ def read_header(line: bytes) -> dict[str, Any] | None:
         return None
     if not isinstance(fields, dict):
         return None
-    checked = {name: check(fields[name]) for name, check in _FIELDS.items() if name in fields}
+    checked = {name: _value(name, fields[name]) for name in _TYPES if name in fields}
     return {name: value for name, value in checked.items() if value is not None}
 
 
-def _text(value: Any) -> str | None:
-    """Return a text as the report may show it: without control characters, and not too long."""
-    return plain(value)[:MOST_CHARACTERS] if isinstance(value, str) else None
+_TYPES: Mapping[str, Any] = {
+    **dict.fromkeys(("driver", "id", "model", "serial", "firmware", "stream", "record"), str),
+    **dict.fromkeys(("time", "run", "base"), str),
+    **dict.fromkeys(("rate_hz", "alias_factor", "away_s"), float),
+    "caveats": tuple[str, ...],
+    "settings": Mapping[str, str],
+    "part": int,
+}
+"""Type of each field that is read."""
+
+_LIMITS = {
+    "rate_hz": (SLOWEST_HZ, FASTEST_HZ), "alias_factor": (1e-3, 1e3), "away_s": (0.0, 1e10), "part": (0, 1e9)
+}  # fmt: skip
+"""Smallest and greatest value of each number."""
+
+_READER = JsonReader({})
 
 
-def _file_name(value: Any) -> str | None:
-    """Return the name of a file; a path would lead out of the directory of the recording."""
-    return value if isinstance(value, str) and not re.search(r"[\0/]", value) else None
-
-
-def _count(value: Any) -> int | None:
-    return value if type(value) is int and 0 <= value < 1e9 else None  # a bool is an int for isinstance
-
-
-def _number(low: float, high: float) -> Callable[[Any], float | None]:
-    # JSON of Python has NaN and Infinity: the comparison is False for NaN
-    return lambda v: float(v) if type(v) in (int, float) and low <= v <= high else None
-
-
-def _date(value: Any) -> str | None:
-    """Return an ISO 8601 date in UTC; one without a zone is UTC, whatever the zone of this host."""
+def _value(name: str, data: Any) -> Any:
+    """Return the value of a field; None if it does not have the right form."""
     try:
-        date = datetime.fromisoformat(value)
-        return stamp(date if date.tzinfo else date.replace(tzinfo=UTC))
+        value = _READER.part(_TYPES[name], data)
+        if name == "time":  # one without a zone is UTC, whatever the zone of this host
+            date = datetime.fromisoformat(value)
+            return stamp(date if date.tzinfo else date.replace(tzinfo=UTC))
     except (TypeError, ValueError, OverflowError):
         return None
-
-
-def _texts(value: Any) -> list[str] | None:
-    texts = [_text(item) for item in value] if isinstance(value, list) else [None]
-    return None if None in texts else [text for text in texts if text is not None]
-
-
-def _text_by_name(value: Any) -> dict[str, str] | None:
-    texts = _texts([*value.keys(), *value.values()]) if isinstance(value, dict) else None
-    return None if texts is None else dict(zip(texts[: len(value)], texts[len(value) :], strict=True))
-
-
-_FIELDS: Mapping[str, Callable[[Any], Any]] = {
-    **dict.fromkeys(("driver", "id", "model", "serial", "firmware", "stream", "record"), _text),
-    "time": _date,
-    "rate_hz": _number(SLOWEST_HZ, FASTEST_HZ),
-    "alias_factor": _number(1e-3, 1e3),
-    "caveats": _texts,
-    "settings": _text_by_name,
-    "away_s": _number(0.0, 1e10),
-    "run": _text,
-    "part": _count,
-    "base": _file_name,
-}
-"""Check of each field that is read: the value, or None if it does not have the right form."""
+    if name in _LIMITS:
+        low, high = _LIMITS[name]
+        return value if low <= value <= high else None
+    # the name of a file: a path would lead out of the directory of the recording
+    return None if name == "base" and "/" in value else value
