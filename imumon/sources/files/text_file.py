@@ -127,30 +127,27 @@ class TextFile(Table):
 
     def _line_blocks(self) -> Iterator[tuple[bytes, int]]:
         """Yield the lines that end in each chunk of the file, and their number, in linear time."""
-        rest, skipping = b"", False  # the line that has begun; whether it is too long, and waits for its end
+        rest = b""  # of the line that has begun, no more than shows that it is too long: it may never end
         begun = lines = 0  # bytes up to the line that has begun, and the lines before it
         for chunk in self._plain_chunks():
             first, end, more = chunk.partition(b"\n")
-            if not skipping:
-                rest += first
-            # of a file without ends of lines, such as binary data, no more than this is in memory
-            skipping = skipping or len(rest) > LONGEST_LINE
+            rest = (rest + first)[: LONGEST_LINE + 1]
             if not end:
-                rest = b"" if skipping else rest
                 continue
             whole = more.rfind(b"\n") + 1
-            block = (TOO_LONG_BYTES if skipping else rest) + b"\n" + more[:whole]
+            block = (TOO_LONG_BYTES if len(rest) > LONGEST_LINE else rest) + b"\n" + more[:whole]
             count = line_count(block)
             lines += count
             self._lines.receive(count)
             begun = self.fed - len(more) + whole
             yield block, count
-            rest, skipping = more[whole:], False
+            rest = more[whole:][: LONGEST_LINE + 1]
         self.problem = self._capture.problem
-        if skipping and lines < HEAD_LINES:  # within the head no table is before it
+        is_long = len(rest) > LONGEST_LINE
+        if is_long and lines < HEAD_LINES:  # within the head no table is before it
             self._lines.receive()
             yield TOO_LONG_BYTES + b"\n", 1
-        elif skipping or not _may_be_row(rest):
+        elif is_long or not _may_be_row(rest):
             # a file that was made longer than its rows, a disk that was not written, data of another kind
             text = f"{self.path} has {self.fed - begun:,} bytes behind its last line that are no row"
             self.problem = self.problem or f"{text}: only the part before is used"
