@@ -28,8 +28,9 @@ def header_of(
     if place < 0:
         return empty, empty, ""
     k, names = lines[place]
-    is_adjacent = place > 0 and lines[place - 1][0] == k - 1
-    names = _whole_names(names, lines[place - 1][1] if is_adjacent else ())
+    # a name may span the columns of its axes, which are empty or have a number
+    spanned = ["" if re.fullmatch(r"\d", name) else name for name in names]
+    names = elements(_spread(spanned)) if "" in spanned[1:-1] else names
     return tuple(names), tuple(units or empty), above[k]
 
 
@@ -48,20 +49,6 @@ def _header_of_pairs(
     _, units_of = described.get("unit", described.get("units", (0, ())))
     names = ["time" if k % 2 == 0 else cell for k, cell in enumerate(row)]
     return place, names, ["" if k % 2 == 0 else cell for k, cell in enumerate(units_of)]
-
-
-def _whole_names(names: Sequence[str], groups: Sequence[str]) -> Sequence[str]:
-    """Return names with what they lack: the sensor above its axes, or the name that spans several columns.
-
-    Parameters
-    ----------
-    groups : cells of the line above the names; empty: there is none.
-    """
-    if len(set(names)) < len(names) and _are_groups(groups):  # a sensor above its axes
-        names = [f"{group} {name}".strip() for group, name in zip(_spread(groups), names, strict=True)]
-    # a name may span the columns of its axes, which are empty or have a number
-    spanned = ["" if re.fullmatch(r"\d", name) else name for name in names]
-    return elements(_spread(spanned)) if "" in spanned[1:-1] else names
 
 
 _LISTED = re.compile(r"(?:col[a-z]*|ch[a-z]*|field)?\s*\d+\s*[:.)=-]+\s*([^\W\d].*)", re.IGNORECASE)
@@ -114,11 +101,6 @@ def described_names(
 def _are_units(cells: Sequence[str]) -> bool:
     """Return whether two cells or more, and half of those with a text, are units."""
     return sum(known_unit(c) is not None for c in cells) >= max(2, sum(map(bool, cells)) // 2)
-
-
-def _are_groups(cells: Sequence[str]) -> bool:
-    """Return whether cells name groups of columns: some are empty, but not all."""
-    return "" in cells and any(cells)
 
 
 def _header_cells(line: str, width: int, separator: str | None) -> list[str] | None:
