@@ -36,7 +36,7 @@ Samples: TypeAlias = tuple[Mapping[str, int], ...]
 
 def number_labels(record: Sequence[PrintedLine]) -> tuple[tuple[str, ...], tuple[str, ...], Samples]:
     """Return a name and a unit for each number of a record, by the text between the numbers, and its samples."""
-    labels = _Labels()
+    labels = _Labels(any(_unit_behind(line.literals[-1]) for line in record))
     tail = ""  # text behind the last number of the lines before
     texts: list[str] = []  # of each line with numbers, with the lines without any before it
     for line in record:
@@ -66,8 +66,10 @@ class _Labels:
     base, index : name of a list, and place of its last element.
     unit_before : unit before the last number, which the next elements of its list have, too.
     was_assigned : an equals sign is before the last number.
+    has_units_behind : a unit is behind the last number of a line, so that words between numbers may be units, too.
     """
 
+    has_units_behind: bool
     names: list[str] = field(default_factory=list)
     units: list[str] = field(default_factory=list)
     sections: list[str] = field(default_factory=list)
@@ -108,6 +110,8 @@ class _Labels:
         """Return a text without the unit of the number before it, which is stated now; one before that number is it."""
         behind = _unit_behind(text) if self.names and not self.units[-1] else ""
         end = text.find(behind) + len(behind)
+        if text[:1].isspace() and not text[end:].strip() and not self.has_units_behind:
+            return text  # the label of the number behind it
         self.state_unit_behind(behind)
         return text[end:]
 

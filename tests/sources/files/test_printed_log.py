@@ -54,6 +54,7 @@ FORMS: dict[str, str] = {
     "first row cut": "0.1,9.8\n" + lines(CSV),
     "a sentence above": lines(CSV.replace(",", " "), "/sys/bus/iio/devices/device0\n"),
     "labels": lines("t: {}, gx: {}, gy: {}, gz: {}, ax: {}, ay: {}, az: {}\n", "ready\n"),
+    "labels of one letter": lines("T {} G {} {} {} A {} {} {}\n"),
     "equal signs": lines("t={} gx={} gy={} gz={} ax={} ay={} az={}\n"),
     "several lines": lines(
         "\nTime {} ms\nGyro X: {}, Y: {}, Z: {} rad/s\nAccel X: {}, Y: {}, Z: {} m/s^2\n", "Hello\n"
