@@ -14,11 +14,20 @@ from noise_fits import fits_of
 from imumon.model import coefficients
 from imumon.model.samples import Floats
 from imumon.noise import ChannelFit, markov_law, synthesise
-from imumon.noise.fit import markov_search
+from imumon.noise.fit import timed_search
 from imumon.noise.fit.curve_statement import bounded_by_curve
 from imumon.noise.fit.likelihood import Surface, quantiles
-from imumon.noise.fit.markov_search import MarkovSurface, mixed_with
-from imumon.noise.fit.model import FLICKER, TRIED, WALK, WHITE, GaussMarkov, NoiseTerm, TimedTerm
+from imumon.noise.fit.model import (
+    FLICKER,
+    TRIED,
+    WALK,
+    WHITE,
+    GaussMarkov,
+    NoiseTerm,
+    TimedTerm,
+    WanderingLine,
+)
+from imumon.noise.fit.timed_search import TimedSurface, mixed_with
 
 RATE_HZ, LENGTH, N = 10.0, 50_000, 6.8e-4
 
@@ -46,6 +55,16 @@ def test_the_formulas_are_those_of_the_autocovariance(time: float) -> None:
     assert differences[0] == pytest.approx(
         2.0 * markov_law.allan_variances(np.array([64]), time, averaged=True)[0], rel=1e-6
     )
+
+
+@pytest.mark.parametrize("length", [1, 8, 100])
+def test_a_line_that_wanders_has_the_covariance_of_its_density(length: int) -> None:
+    line, f = WanderingLine("line", 50.0), np.linspace(0.0, 0.2, 200_001)
+    seen = line.rate_density(f) * np.sinc(f * length) ** 2
+    lags = [0, 1, 2, 5]
+    expected = [2.0 * np.trapezoid(seen * np.cos(2.0 * np.pi * f * length * lag), f) for lag in lags]
+    assert line.with_time(50.0 / length).autocovariance(64)[lags] == pytest.approx(expected, abs=1e-9)
+    assert 2.0 * np.trapezoid(line.rate_density(f), f) == pytest.approx(1.0)
 
 
 @pytest.mark.parametrize("level", [0, 4])
@@ -117,6 +136,19 @@ def test_what_the_record_does_not_tell_apart_is_indistinct_with_bounds() -> None
         assert fit.markov.sigma.high is not None
 
 
+@pytest.mark.few
+def test_b_holds_beside_a_weak_hum_that_may_be_correlated_noise() -> None:
+    """A hum that wanders by two thirds of its frequency, of a tenth of the noise: no record shows what it is."""
+    n, count, rng = 72_000, 40, np.random.default_rng(3)
+    steps = first_order(n, count, 60.0 * 20.0, rng)
+    hum = np.sin(2.0 * np.pi * (np.cumsum(0.03 + 0.02 * steps, axis=0) / 20.0 + rng.random(count)))
+    noise = [synthesise(n, 20.0, N=6.1e-5, B=2.4e-5, seed=k, averaged=False)[:, 0] for k in range(count)]
+    fits = fits_of(np.stack(noise, axis=1) + 0.1 * 6.1e-5 * np.sqrt(40.0) * hum, 20.0)
+    assert sum(fit.B.low <= 2.4e-5 <= fit.B.high for fit in fits) >= 35  # type: ignore[operator]
+    assert sum(fit.K.status == "measured" for fit in fits) <= 1
+    assert sum(fit.markov is not None and fit.markov.sigma.status == "measured" for fit in fits) <= 3
+
+
 @pytest.mark.slow
 def test_a_likelihood_with_correlated_noise_has_no_weight_outside_of_its_grid() -> None:
     """Far outside of its points, a cubic may have any value: there, M would add B or K that the record excludes."""
@@ -129,7 +161,7 @@ def test_a_likelihood_with_correlated_noise_has_no_weight_outside_of_its_grid() 
         }
     )
     without = surface({FLICKER: np.linspace(0.0, 3.0, 20), WALK: np.linspace(0.0, 1.0, 20)})
-    with_term = MarkovSurface(inner, markov, np.array([100.0]), np.ones(1), 1e6, inner.powers)
+    with_term = TimedSurface(inner, markov, (markov,), np.ones(1), 1e6, inner.powers)
     both = mixed_with(without, with_term)
     for term in (FLICKER, WALK):
         expected = quantiles(inner, term, np.array([0.025, 0.5, 0.975]))
@@ -221,7 +253,7 @@ def second_order(n: int, time_s: float, seed: int) -> Floats:
 def registered(monkeypatch: pytest.MonkeyPatch) -> None:
     row = replace(coefficients.COEFFICIENTS["M"], letter="W", about="second-order correlated noise")
     monkeypatch.setitem(coefficients.COEFFICIENTS, "W", row)  # type: ignore[arg-type]
-    monkeypatch.setattr(markov_search, "TRIED", (*TRIED, SecondOrder("W", 1.0)))
+    monkeypatch.setattr(timed_search, "TRIED", (*TRIED, SecondOrder("W", 1.0)))
 
 
 @pytest.mark.usefixtures("registered")

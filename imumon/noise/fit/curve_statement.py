@@ -24,7 +24,7 @@ import numpy as np
 from imumon.model.coefficients import COEFFICIENTS, NOISE, Estimate, MarkovEstimate
 from imumon.model.samples import Bools, Floats, Ints
 from imumon.noise.allan import AllanCurve
-from imumon.noise.fit.hump import Hump, line_bands
+from imumon.noise.fit.hump import line_bands
 from imumon.noise.fit.model import NoiseTerm, UpperShape, total
 from imumon.noise.fit.model_curve import (
     VISIBLE,
@@ -81,8 +81,9 @@ def with_curve(
         term: power * term.allan_variances(m, averaged=averaged)
         for term, power in fitted.surface.powers.items()
     }
-    noise = np.sum([terms[term] for term in noise_powers], axis=0)
+    noise = np.sum([terms[term] for term in noise_powers if term.is_stated], axis=0)
     bent, of_lines = _departure(m, sums, channel, fitted, averaged, line_shares.sum(axis=0))
+    of_lines = of_lines + sum(share for term, share in terms.items() if not term.is_stated)
     hump = fitted.hump
     if hump is not None:
         lines = np.append(lines, [[hump.frequency, hump.width, hump.power]], axis=0)
@@ -92,7 +93,7 @@ def with_curve(
     random = np.maximum(noise + bent + of_lines, 1e-3 * noise)
     present = curve.terms[:, channel] > 0
     fixed = moved_variances_at(m, fitted.moved)
-    shares = {term.letter: share for term, share in terms.items()}
+    shares = {term.letter: share for term, share in terms.items() if term.is_stated}
     shares |= {"lines": of_lines, "columns": fixed}
     # a filter takes away from the noise: its share is what is left, and may be negative
     shares["filter"] = random + fixed - np.sum(list(shares.values()), axis=0)
@@ -108,7 +109,7 @@ def with_curve(
     positive = present & (sigma > 0.0)
     caveats = [
         *fit.caveats,
-        *_visible(fit, curve.tau, _named(line_shares, hump).sum(axis=0), VISIBLE * (random + fixed)),
+        *_visible(fit, curve.tau, line_shares.sum(axis=0), VISIBLE * (random + fixed)),
     ]
     used = present & (m >= 1 << fitted.choice.upper_end.octaves_left_out)
     low, high = (np.where(present, sigma * factor, 0.0) for factor in (low, high))
@@ -151,11 +152,6 @@ def _visible(fit: ChannelFit, tau: Floats, lines: Floats, visible: Floats) -> It
     drift = fit.regressor("drift")
     if "R" in fit.coefficients and drift and (0.5 * (drift.value * tau) ** 2 > visible).any():
         yield "ramp"
-
-
-def _named(line_shares: Floats, hump: Hump | None) -> Floats:
-    """Return (l, m) the variances of the lines that have a name: a hump that chance may make is drawn, but has none."""
-    return line_shares if hump is None or hump.band.is_certain else line_shares[:-1]
 
 
 def _misses(outside: Ints, used: Ints) -> bool:

@@ -13,10 +13,8 @@ scoring for each range of neighbouring bands that may be left out, and the range
 counts (Akaike 1974), if chance explains that deviance. A filter in the sensor falls towards the highest frequency, and
 a hump ends before it: the highest bands are never left out. They show N, whatever stands below.
 
-A weak hump looks like Gauss–Markov noise. Where the bands ask for that, both are terms beside N, B and K: noise with a
-time constant, and a line whose frequency is normally distributed. Where the line explains the bands better, its range
-is left out: a band that is left out takes nothing from B, which M would. Where both explain them, M is not measured. A
-hump has a name only where chance would not make it at any of its places.
+A weak hump is a term: a line that wanders (`model.WanderingLine`), which `timed_search` weighs against Gauss–Markov
+noise. Only what neither of them explains is left out, and only where chance would not make it at any of its places.
 
 Example: white noise, of which two of nine bands are ten times too high.
 
@@ -26,7 +24,7 @@ Example: white noise, of which two of nine bands are ten times too high.
 >>> expected = {WHITE: np.ones(9), FLICKER: 0.1 / f, WALK: 0.01 / f**2}
 >>> bands = Bands(power, np.full(9, 100.0), expected, np.zeros(9), f)
 >>> band_left_out(bands, (), error=0.01, least=1e-3)
-(Band(low=0.0078125, high=0.0625, is_certain=True), False)
+Band(low=0.0078125, high=0.0625)
 """
 
 from __future__ import annotations
@@ -36,15 +34,15 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from scipy.special import gammaincc, ndtr
+from scipy.special import gammaincc
 
 from imumon.model.samples import Bools, Floats, Ints
 from imumon.noise.fit.likelihood import CHANCE, Squares
-from imumon.noise.fit.markov_search import LEAST_MARKOV_SHARE, scored_powers
 from imumon.noise.fit.model import NOISE_TERMS, WHITE, NoiseTerm
 from imumon.noise.fit.normal_equations import LEAST_VARIANCE
 from imumon.noise.fit.observations import Bands, BlockSeries
 from imumon.noise.fit.regressors import CHI_SQUARE_MEDIAN
+from imumon.noise.fit.timed_search import LEAST_TIMED_SHARE, scored_powers
 from imumon.noise.noise_sums import NoiseSums
 from imumon.noise.validity_groups import ROUNDING
 
@@ -52,24 +50,6 @@ KEPT = 3
 """The highest bands are never left out: they show N. Unit: bands, of half an octave.
 
 Otherwise: with fewer, the end of a filter is left out as a hump. Origin: N, B and K are three numbers (`wander.py`).
-"""
-LINE_SHAPE = 0.9
-"""Standard deviation of the frequency of a line that is compared with Gauss–Markov noise. Unit: of its mean.
-
-Otherwise: at 1 its density is as flat at frequency zero as that of the noise, which it takes for a line in one record
-in ten more; at 0.8, a hum that wanders to zero is measured as M in 4 of 100 (`markov.py`).
-"""
-HUMP_GAIN = 2.0
-"""M is not measured where a hump in its place explains the bands worse by less. Unit: log likelihood.
-
-Otherwise: a weak hum is measured as M. Origin: odds of seven (`markov.py`).
-"""
-WIDEST_WEAK = 6
-"""A hump that Gauss–Markov noise, or chance, may be is at most as wide. Unit: bands, of half an octave.
-
-Otherwise: white noise of two hours loses half of its bands in one record of 60 (`tests/report_runs.py`), and bands
-that are left out over seven octaves explain Gauss–Markov noise as well as a term of it does. Chosen: three octaves,
-more than a hum wanders (`markov.py`).
 """
 LINE_WIDTHS = 3.0
 """Distance from a line up to which its power reaches. Unit: widths of the line.
@@ -108,12 +88,10 @@ class Band(NamedTuple):
     Attributes
     ----------
     low, high : cycles per sample.
-    is_certain : whether chance would not make such a hump of noise without Gauss–Markov noise, at any of its places.
     """
 
     low: float
     high: float
-    is_certain: bool
 
     def holds(self, f: Floats) -> Bools:
         """Return which of some frequencies are in the band."""
@@ -164,36 +142,27 @@ class Hump:
         return np.asarray(weight / max(float(weight.sum()), 1e-300))
 
 
-def band_left_out(
-    bands: Bands, markov: Sequence[NoiseTerm], *, error: float, least: float, markov_shows: bool = False
-) -> tuple[Band | None, bool]:
-    """Return the band of a hump, None without one, and whether one may be in the place of Gauss–Markov noise.
+def band_left_out(bands: Bands, timed: Sequence[NoiseTerm], *, error: float, least: float) -> Band | None:
+    """Return the band of a hump, None without one.
 
     Parameters
     ----------
     bands : of the whole spectrum and all block means, lowest frequency first.
-    markov : Gauss–Markov noise of several time constants, one of which may explain the bands instead.
+    timed : noise with time constants, a term of which may explain the bands instead.
     error : 1, relative error of the model in each band.
     least : probability from which on chance explains a deviance.
-    markov_shows : the bands ask for Gauss–Markov noise: a hump may be what they show.
     """
     number = bands.power.size
     every = np.ones((1, number), dtype=bool)
     left = number - len(NOISE_TERMS)
     alone = float(_deviances(bands, every, error)[0][0])
-    explained = _explained(alone, left, least)
-    if explained and not markov_shows:
-        return None, False
-    of_markov = [bands.expected[term] for term in markov]
-    beside = _least_beside(bands, np.array(of_markov).reshape(-1, number), error)
-    explained = explained or _explained(beside, left - 2, least)  # its size and its time constant
-    if explained and not markov_shows:
-        return None, False
-    if explained:
-        beside_line = _least_beside(bands, _lines(bands), error)
-        ahead = beside_line + 2.0 - beside  # a line has one number more, its frequency
-        if ahead > 0.0:
-            return None, ahead < 2.0 * HUMP_GAIN
+    if _explained(alone, left, least):
+        return None
+    if timed:
+        units = np.stack([bands.expected[term] for term in timed])
+        beside = float(_deviances(bands, every, error, units)[0].min())
+        if _explained(beside, left - 2, least):  # its size and its time constant
+            return None
     ranges = _ranges(number)
     places = np.arange(number)
     counted = (places < ranges[:, :1]) | (places >= ranges[:, 1:])
@@ -201,45 +170,18 @@ def band_left_out(
     left_out = ranges[:, 1] - ranges[:, 0]
     # a hump is above the noise: what lies below it is the end of a filter, or a walk beside a mean that does not move
     rises = ((bands.power > model) & ~counted).sum(axis=1) > 0.5 * left_out
-    # neighbouring bands share samples: a misfit of chance is more frequent than their number says
-    if explained or _explained(alone, left, least**2):
-        rises &= left_out <= WIDEST_WEAK
     cost = np.where(rises, deviance + 2.0 * left_out, np.inf)
     best = int(cost.argmin()) if cost.size else 0
     if not cost.size or not _explained(float(deviance[best]), left - int(left_out[best]), least):
-        return None, explained
+        return None
+    chance = float(gammaincc(0.5 * left_out[best], 0.5 * max(alone - float(deviance[best]), 0.0)))
+    if chance > CHANCE / cost.size:  # over all places (Bonferroni)
+        return None
     begin, end = ranges[best].tolist()
     # its skirts lie in the bands beside it, where chance hides them
     begin, end = max(begin - 1, 0), min(end + 1, number - KEPT)
     low = float(bands.top[begin - 1]) if begin else 0.0
-    chance = float(gammaincc(0.5 * left_out[best], 0.5 * max(alone - float(deviance[best]), 0.0)))
-    is_certain = chance < CHANCE / cost.size  # over all places (Bonferroni)
-    return Band(low, float(bands.top[end - 1]), is_certain), False
-
-
-def _least_beside(bands: Bands, units: Floats, error: float) -> float:
-    """Return the deviance of all bands beside the likeliest of some terms; infinity: there are none.
-
-    Parameters
-    ----------
-    units : (m, r) what each band expects of each term.
-    """
-    if not len(units):
-        return np.inf
-    return float(_deviances(bands, np.ones((1, bands.power.size), dtype=bool), error, units)[0].min())
-
-
-def _lines(bands: Bands) -> Floats:
-    """Return (m, r) the mean density in each band of lines, whose frequencies are normally distributed.
-
-    Their means are the tops of the bands in which a hump may lie.
-    """
-    edges = np.append(0.0, bands.top)
-    middle = bands.top[:-KEPT, None]
-    width = LINE_SHAPE * middle
-    # a line wanders as much about the negative frequency
-    share = np.diff(ndtr((edges - middle) / width) + ndtr((edges + middle) / width), axis=1)
-    return np.asarray(np.maximum(share / np.diff(edges), LEAST_VARIANCE))
+    return Band(low, float(bands.top[end - 1]))
 
 
 def _ranges(number: int) -> Ints:
@@ -273,7 +215,7 @@ def _deviances(
     # where each term alone is nearly all of some band, and a ten thousandth of N everywhere
     most = (bands.power / units).min(axis=2)
     most[:, list(NOISE_TERMS).index(WHITE)] = white
-    least = LEAST_MARKOV_SHARE * white * (bands.expected[WHITE] / units).min(axis=2)
+    least = LEAST_TIMED_SHARE * white * (bands.expected[WHITE] / units).min(axis=2)
     start = np.log(np.maximum(most, 10.0 * least))
     squares = Squares(bands.power, half[:, None], {})
     cases = max(len(units), len(counted))

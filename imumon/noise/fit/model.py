@@ -11,6 +11,7 @@ spectral density of the rate (IEEE Std 952-1997, IEEE Std 1139-2008):
 | random walk, K | K^2 / (2 pi f)^2 | K^2 tau / 3 |
 | quantisation, Q | (Q^2 / tau0) 4 sin^2(pi f tau0) | 3 Q^2 / tau^2 |
 | Gauss–Markov, M | 2 s^2 T / (1 + (2 pi f T)^2) | at most (0.617 s)^2, at tau = 1.89 T |
+| line that wanders | s^2 times a normal density about ±1 / (2 pi T) | of its autocovariance |
 
 A term has a *power*: the square of its coefficient in units of the sampling interval tau0, so that all powers are
 (channel unit)^2: N^2 / tau0, B^2, K^2 tau0, (Q / tau0)^2, s^2. Frequencies are in cycles per sample. Everything that a
@@ -92,6 +93,17 @@ Otherwise: fewer: the limits of flicker are too narrow. Origin: that of flicker 
 lag.
 """
 
+LINE_SHAPE = 0.9
+"""Standard deviation of the frequency of a line that wanders. Unit: of its mean.
+
+Otherwise: at 1 its density is as flat at frequency zero as that of Gauss–Markov noise, and the two cannot be told
+apart; at 0.67, B beside weaker and wider hums is too high in 4 of 100 (`markov.py`).
+"""
+LEAST_DENSITY = 1e-30
+"""Least density of a line, where it has none: a term of zero has no share. Unit: of the greatest."""
+VIBRATION = "a vibration"
+"""What a reason calls a line that wanders."""
+
 SECOND_DIFFERENCE = {-2: 1.0, -1: -4.0, 0: 6.0, 1: -4.0, 2: 1.0}
 """Weights by lag of the autocovariance of second differences, that of (1, -2, 1) with itself."""
 
@@ -104,7 +116,7 @@ class NoiseTerm(ABC):
 
     Attributes
     ----------
-    letter : of its coefficient in the report.
+    letter : of its coefficient in the report, or of its kind.
     """
 
     letter: str
@@ -165,6 +177,16 @@ class NoiseTerm(ABC):
     def grows(self) -> bool:
         """Whether its Allan deviation grows with tau: a mean that moves slowly, or steps, look like it."""
         return COEFFICIENTS[self.letter].slope > 0.0
+
+    @property
+    def is_stated(self) -> bool:
+        """Whether the report has its coefficient."""
+        return True
+
+    @property
+    def name(self) -> str:
+        """What a reason calls it."""
+        return self.letter
 
     @property
     def time_letter(self) -> str | None:
@@ -367,6 +389,62 @@ class GaussMarkov(TimedTerm):
         return MARKOV.time_constant_s
 
 
+@dataclass(frozen=True, slots=True)
+class WanderingLine(TimedTerm):
+    """A line whose frequency is normally distributed about 1 / (2 pi T), with `LINE_SHAPE` of it as deviation.
+
+    Mains hum folds to such a line. Its power is its variance. In units of T its autocovariance is the real part of
+    r(t) = exp(-(s t)^2 / 2 + i t), with s = `LINE_SHAPE`. No coefficient of the report is its size.
+    """
+
+    def rate_density(self, f: Floats) -> Floats:
+        """Return (k,) the density of the rate."""
+        middle = 0.5 / (np.pi * self.time)
+        width = LINE_SHAPE * middle
+        sides = [np.exp(-0.5 * ((f + sign * middle) / width) ** 2) for sign in (-1.0, 1.0)]
+        return np.asarray(np.maximum(sum(sides), LEAST_DENSITY) / (2.0 * width * math.sqrt(2.0 * math.pi)))
+
+    def phase_autocovariance(self, lag: Floats) -> Floats:
+        """Return (...) the autocovariance of the integral at lags: r(t) integrated twice, by parts."""
+        from scipy.special import erf
+
+        s, t = LINE_SHAPE, np.abs(lag) / self.time
+        scale = 1.0 / (s * math.sqrt(2.0))
+        integral = (
+            scale
+            * math.sqrt(math.pi)
+            * np.exp(-(scale**2))
+            * (erf(s**2 * scale * t - 1j * scale) - erf(-1j * scale))
+        )
+        moment = (1j * integral - np.exp(-0.5 * (s * t) ** 2 + 1j * t) + 1.0) / s**2  # of t r(t)
+        return np.asarray(-(self.time**2) * (t * integral - moment).real)
+
+    def coefficient_scale(self, tau0: float) -> float:
+        """Return 1: a standard deviation has no unit of time."""
+        return 1.0
+
+    @property
+    def is_stated(self) -> bool:
+        """Return False: the report has its band."""
+        return False
+
+    @property
+    def name(self) -> str:
+        """What a reason calls it."""
+        return VIBRATION
+
+    @property
+    def grows(self) -> bool:
+        """Return False: its Allan deviation falls beyond its hump."""
+        return False
+
+    @property
+    def range(self) -> tuple[float, float]:
+        """Cycles per sample, frequencies within one standard deviation."""
+        middle = 0.5 / (math.pi * self.time)
+        return middle * (1.0 - LINE_SHAPE), middle * (1.0 + LINE_SHAPE)
+
+
 WHITE, FLICKER, WALK = PowerLaw("N", 0), PowerLaw("B", 1), PowerLaw("K", 2)
 QUANTISATION = Quantisation("Q")
 
@@ -377,7 +455,7 @@ GRIDDED: tuple[PowerLaw, PowerLaw] = (FLICKER, WALK)
 TERMS: tuple[NoiseTerm, ...] = (*NOISE_TERMS, QUANTISATION)
 """All terms that observations have an expectation of."""
 
-TRIED: tuple[TimedTerm, ...] = (GaussMarkov(MARKOV.sigma, 1.0),)
+TRIED: tuple[TimedTerm, ...] = (GaussMarkov(MARKOV.sigma, 1.0), WanderingLine("line", 1.0))
 """Terms that are tried with several time constants beside the others, in whatever unit of time."""
 
 TermPowers: TypeAlias = Mapping[NoiseTerm, float]

@@ -20,8 +20,8 @@ block means, in which it is sought, lie below the reach of filters.
 
 3. *Regressors in doubt*: the likelihoods with and without an exponential or a step that is not certain, and whose
    odds are above `LEAST_ODDS`, are mixed in these odds.
-4. *Gauss–Markov noise* (`markov_search`) is tried again in all observations, for the likelihood above and before a
-   filter is tried for the upper end. From even odds on the likelihoods with and without it are mixed.
+4. *Noise with a time constant* (`timed_search`) is tried again in all observations, for the likelihood above and
+   before a filter is tried for the upper end. From even odds on the likelihoods with and without it are mixed.
 
 A choice stays until the data reject it or the record has doubled, so that no description alternates while a record
 grows.
@@ -38,10 +38,9 @@ from scipy.special import gammaincc
 
 from imumon.model.coefficients import LIMIT_95
 from imumon.model.samples import Bools, Floats
-from imumon.noise.fit import markov_search
+from imumon.noise.fit import timed_search
 from imumon.noise.fit.hump import KEPT, Band, Hump, at_aliases, band_left_out, line_bands
 from imumon.noise.fit.likelihood import EVIDENCE, Alternatives, Grids, Likelihood, Surface, evidence
-from imumon.noise.fit.markov_search import MarkovSurface, Peaks
 from imumon.noise.fit.model import (
     GRIDDED,
     NOISE_TERMS,
@@ -62,6 +61,7 @@ from imumon.noise.fit.observations import (
     spectral_powers,
 )
 from imumon.noise.fit.slow_terms import SlowTerms, SlowTermSearch
+from imumon.noise.fit.timed_search import Peaks, TimedSurface
 from imumon.noise.noise_sums import NoiseSums
 from imumon.noise.validity_groups import DITHERED, ROUNDING, ROUNDING_VARIANCE
 
@@ -93,7 +93,7 @@ Otherwise: its spectrum is fitted as a low-pass, and octaves are left out that s
 have: VN-100 and ADIS16405 powers of two, others divisors of their rates (`real_effects.py`).
 """
 INSTEAD_GAIN = 1.0
-"""A walk that Gauss–Markov noise in its place explains better by as much is `indistinct`. Unit: log likelihood.
+"""A walk that noise with a time constant in its place explains better by as much is `indistinct`. Unit: log likelihood.
 
 Otherwise: M of a 36th of the record is measured as K in one record in five. Origin: one parameter more (Akaike 1974);
 of a true walk, 3 to 10 % of the records are `indistinct` by it (`markov.py`).
@@ -114,18 +114,16 @@ class ModelChoice:
     upper_end : description of the upper end, kept until the data reject it or the record has doubled.
     grids, slow_grids : of the whole likelihood and of that of the block means, where the next fit begins to search;
         None: unknown.
-    markov : power of Gauss–Markov noise of this fit, which parts of the record have, too.
+    timed : power of noise with a time constant of this fit, which parts of the record have, too.
     band : cycles per sample, frequencies of a hump that is left out, kept as long as the upper end; None: none.
-    may_be_hump : whether what looks like Gauss–Markov noise may be a hump.
     """
 
     samples: int
     upper_end: UpperEnd
     grids: Grids | None
     slow_grids: Grids | None
-    markov: Mapping[NoiseTerm, float] = field(default_factory=dict)
+    timed: Mapping[NoiseTerm, float] = field(default_factory=dict)
     band: Band | None = None
-    may_be_hump: bool = False
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -134,7 +132,7 @@ class Model:
 
     Attributes
     ----------
-    surface : likelihood of the powers, over both models where a regressor or Gauss–Markov noise is in doubt.
+    surface : likelihood of the powers, over both models where a regressor or noise with a time constant is in doubt.
     likelihood : of the model in use.
     slow : what moves the mean.
     excess : (m,) (channel unit)^2, what the coefficients that are left out hold above the noise.
@@ -142,11 +140,11 @@ class Model:
     misfit, dof, p_value : of the bands, with the tolerance of the model, and of the single coefficients.
     offset : channel unit, what the series is about.
     choice : for the next fit.
-    markov : likelihood with Gauss–Markov noise; None: the data do not ask for it.
+    timed : likelihood with noise with a time constant; None: the data do not ask for it.
     upper_error : relative standard deviation of N^2 between choices of the highest frequency, beyond their statistics.
     levels : least and greatest density at the upper end over that of the model, where no filter explains it; None: one
         does, or it is flat.
-    instead : letters of the terms that describe the record better in the place of a term that shows.
+    instead : names of the terms that describe the record better in the place of a term that shows.
     may_be_counted : whether the record does not exclude that the samples are differences of an angle in counts.
     hump : what no term explains, and whose band is left out; None: there is none.
     """
@@ -161,7 +159,7 @@ class Model:
     p_value: float
     offset: float
     choice: ModelChoice
-    markov: MarkovSurface | None = None
+    timed: TimedSurface | None = None
     upper_error: float = 0.0
     levels: tuple[float, float] | None = None
     instead: Mapping[NoiseTerm, Sequence[str]] = field(default_factory=dict)
@@ -182,7 +180,8 @@ class ModelSearch:
     sums, channel : the sums, and the channel in them.
     averaged : the samples are true averages over their interval, else point samples.
     previous : choice of an earlier length of the record; None: there was none.
-    whole : look for slow terms and Gauss–Markov noise; see `SlowTermSearch`. A part of a record has that of `previous`.
+    whole : look for slow terms and noise with a time constant; see `SlowTermSearch`. A part of a record has that of
+        `previous`.
     step : channel unit, least step between two values, 0.0 where there is none.
     counted : the values are differences of an angle in counts of this step, which is coarser than their noise.
     """
@@ -201,13 +200,12 @@ class ModelSearch:
     ) -> None:
         self._sums, self._channel, self._averaged, self._previous = sums, channel, averaged, previous
         self._step, self._count = step, step if counted else 0.0
-        self._known_markov = {} if whole or previous is None else dict(previous.markov)
-        self._series, self._whole = series.with_terms(list(self._known_markov)), whole
-        self._tried_markov = markov_search.tried_terms(series.samples) if whole else ()
+        self._known_timed = {} if whole or previous is None else dict(previous.timed)
+        self._series, self._whole = series.with_terms(list(self._known_timed)), whole
+        self._tried = timed_search.tried_terms(series.samples) if whole else ()
         self._chosen_samples = self._samples = int(series.samples)
         self._meeting = meeting_frequency(series)
         self._at_lines = at_aliases(series, line_bands(sums, channel))
-        self._may_be_hump = False
         self._recent = previous is not None and self._samples < 2 * previous.samples
         self._leave_out(previous.band if previous is not None and (self._recent or not whole) else None)
 
@@ -224,12 +222,12 @@ class ModelSearch:
             self._series,
             slow_grids,
             whole=self._whole,
-            markov=self._known_markov,
+            timed=self._known_timed,
             left_out=self._at_lines if band is None else self._at_lines | band.holds(self._series.f),
             spectral=None if band is None else self._powers(1),
         )
         # with the terms that are tried in every fit: to form observations costs more than to expect them
-        self._slow = search.result().with_terms(self._tried_markov)
+        self._slow = search.result().with_terms(self._tried)
         self._slow_grids = search.surface.grids
         # the block means show B and K already: their grid is a good first one of the whole likelihood
         self._grids = previous.grids if previous is not None and previous.grids else self._slow_grids
@@ -252,7 +250,7 @@ class ModelSearch:
             return HUM
         if previous is not None and self._recent and self._judged(previous.upper_end)[0] > REJECT_P:
             # of the choice, not of today: else it would never be renewed
-            self._chosen_samples, self._may_be_hump = previous.samples, previous.may_be_hump
+            self._chosen_samples = previous.samples
             return self._finished(previous.upper_end)
         if self._whole:
             self._search_hump()
@@ -327,8 +325,8 @@ class ModelSearch:
         more : terms whose expectations are needed beside those of `TERMS`.
         """
         if window not in self._spectral:
-            tried = self._tried_markov if window == 1 else []
-            terms = (*TERMS, *self._known_markov, *tried)
+            tried = self._tried if window == 1 else []
+            terms = (*TERMS, *self._known_timed, *tried)
             powers = spectral_powers(
                 self._sums, self._channel, averaged=self._averaged, window=window, terms=terms
             )
@@ -354,12 +352,9 @@ class ModelSearch:
             self._leave_out(None)
         if self._powers(1).top.size < KEPT:
             return  # too short: no frequency above the blocks shows N
-        markov_shows = self._markov_peaks(UpperEnd()) is not None
         bands = self._powers(1).joined(self._slow.bands(self._meeting))
         bands = bands.take(np.argsort(bands.top, kind="stable"))
-        band, self._may_be_hump = band_left_out(
-            bands, self._tried_markov, error=TOLERANCE, least=REJECT_P, markov_shows=markov_shows
-        )
+        band = band_left_out(bands, self._tried, error=TOLERANCE, least=REJECT_P)
         if band is not None:
             self._leave_out(band)
 
@@ -385,9 +380,9 @@ class ModelSearch:
         p_value = tested.p_value(surface, rows)
         if p_value <= REJECT_P and upper_end == UpperEnd():
             # short correlations bend the spectrum, too: a filter is no explanation where another noise is one
-            peaks = self._markov_peaks(upper_end)
+            peaks = self._timed_peaks(upper_end)
             if peaks is not None:
-                likelihood, surface = self._with_markov_peak(upper_end, peaks)
+                likelihood, surface = self._with_timed_peak(upper_end, peaks)
                 tested = replace(likelihood, error=TOLERANCE)
                 p_value = tested.p_value(surface, rows)
         misfit, dof = tested.misfit(surface, rows)
@@ -431,7 +426,7 @@ class ModelSearch:
             upper_end.scored,
             upper_end.low_pass,
             error=error,
-            beside=self._known_markov,
+            beside=self._known_timed,
         )
 
     def _observed(self, upper_end: UpperEnd, error: float, more: Sequence[NoiseTerm]) -> Likelihood:
@@ -454,21 +449,21 @@ class ModelSearch:
 
     def _finished(self, upper_end: UpperEnd) -> Model | str:
         """Return the model with the error that explains its misfit, and with what is in doubt."""
-        peaks = self._markov_peaks(upper_end)
-        judged = self._fit(upper_end) if peaks is None else self._with_markov_peak(upper_end, peaks)
+        peaks = self._timed_peaks(upper_end)
+        judged = self._fit(upper_end) if peaks is None else self._with_timed_peak(upper_end, peaks)
         error = _error(*judged)
         if error > MOST_ERROR:
             return "no description fits the data"
         if error and peaks is not None:
             # with wider errors, the term may no longer be needed
-            peaks = self._markov_peaks(upper_end, error)
-        without = self._without_markov(upper_end, error)
-        likelihood, surface, slow, markov = without.likelihood, without.mixed, self._slow, None
+            peaks = self._timed_peaks(upper_end, error)
+        without = self._without_timed(upper_end, error)
+        likelihood, surface, slow, timed = without.likelihood, without.mixed, self._slow, None
         grids = surface.grids
         if peaks is not None:
-            markov, surface = self._with_markov(upper_end, error, without, peaks)
-            slow = slow.with_terms([markov.term])
-            likelihood = self._likelihood(upper_end, error, more=[markov.term])
+            timed, surface = self._with_timed(upper_end, error, without, peaks)
+            slow = slow.with_terms([timed.term])
+            likelihood = self._likelihood(upper_end, error, more=[timed.term])
             likelihood = replace(likelihood, beside=surface.beside)
         tested = replace(likelihood, error=TOLERANCE)
         misfit, dof = np.add(tested.misfit(surface), likelihood.slow_misfit(surface)).tolist()
@@ -479,7 +474,6 @@ class ModelSearch:
             self._slow_grids,
             surface.beside,
             self._band,
-            self._may_be_hump,
         )
         return Model(
             surface,
@@ -492,10 +486,10 @@ class ModelSearch:
             float(gammaincc(0.5 * dof, 0.5 * misfit)),
             float(self._sums.blocks.offset[self._channel]),
             choice,
-            markov,
+            timed,
             self._upper_error(upper_end),
             self._levels(upper_end, surface),
-            {} if markov is not None and markov.is_certain else self._instead(upper_end, error, surface),
+            {} if timed is not None and timed.is_certain else self._instead(upper_end, error, surface),
             self._may_be_counted(upper_end, surface),
             None if self._band is None else self._hump(surface, slow, self._band),
         )
@@ -532,8 +526,8 @@ class ModelSearch:
         power, error = self._fit(UpperEnd(shape=UpperShape.QUANTISED))[1].estimate(QUANTISATION)
         return power + LIMIT_95 * error >= rounding
 
-    def _without_markov(self, upper_end: UpperEnd, error: float) -> Alternatives:
-        """Return the models without Gauss–Markov noise: with and without a regressor in doubt."""
+    def _without_timed(self, upper_end: UpperEnd, error: float) -> Alternatives:
+        """Return the models without noise with a time constant: with and without a regressor in doubt."""
         likelihood, surface = self._fit(upper_end, error)
         if not self._slow.doubtful:
             return Alternatives(likelihood, surface)
@@ -545,22 +539,22 @@ class ModelSearch:
             likelihood, surface, other, other.search(self._samples, self._grids), self._slow.odds
         )
 
-    def _with_markov(
+    def _with_timed(
         self, upper_end: UpperEnd, error: float, without: Alternatives, peaks: Peaks
-    ) -> tuple[MarkovSurface, Surface]:
-        """Return the likelihood with Gauss–Markov noise, and that of both, with and without it."""
+    ) -> tuple[TimedSurface, Surface]:
+        """Return the likelihood with noise with a time constant, and that of both, with and without it."""
 
         surface = without.mixed
-        markov = markov_search.markov_surface(
+        timed = timed_search.timed_surface(
             lambda more: self._observed(upper_end, error, more), surface, self._samples, peaks
         )
         # the models without the term on a grid that holds those with it, too
         grids = {
-            term: np.linspace(0.0, max(grid[-1], markov.surface.grids[term][-1]), grid.size)
+            term: np.linspace(0.0, max(grid[-1], timed.surface.grids[term][-1]), grid.size)
             for term, grid in surface.grids.items()
         }
-        both = markov_search.mixed_with(without.on(grids), markov)
-        return markov, both
+        both = timed_search.mixed_with(without.on(grids), timed)
+        return timed, both
 
     def _upper_error(self, upper_end: UpperEnd) -> float:
         """Return the relative scatter of N^2 between neighbouring choices of the highest frequency.
@@ -609,34 +603,32 @@ class ModelSearch:
         levels = np.append(passed[upper], passed[-1] ** 2 / passed[-2])
         return float(levels.min()), float(levels.max())
 
-    def _markov_peaks(self, upper_end: UpperEnd, error: float = 0.0) -> Peaks | None:
-        """Return the likeliest models with Gauss–Markov noise; None where its odds are below even."""
-        if not self._tried_markov:
+    def _timed_peaks(self, upper_end: UpperEnd, error: float = 0.0) -> Peaks | None:
+        """Return the likeliest models with noise with a time constant; None where its odds are below even."""
+        if not self._tried:
             return None
         key = upper_end, error
         if key not in self._peaks:
-            likelihood = self._observed(upper_end, error, self._tried_markov)
+            likelihood = self._observed(upper_end, error, self._tried)
             surface = self._fit(upper_end, error)[1]
-            self._peaks[key] = markov_search.peaks(likelihood, surface, self._tried_markov)
+            self._peaks[key] = timed_search.peaks(likelihood, surface, self._tried)
         peaks = self._peaks[key]
-        return peaks if markov_search.odds_of(peaks.gains) >= 1.0 else None
+        return peaks if timed_search.odds_of(peaks.gains) >= 1.0 else None
 
     def _instead(self, upper_end: UpperEnd, error: float, surface: Surface) -> dict[NoiseTerm, list[str]]:
-        """Return the letters of the terms that describe the record better in the place of one that shows and grows."""
+        """Return the names of the terms that describe the record better in the place of one that shows and grows."""
         shown = [term for term in surface.grids if term.grows and evidence(surface, term) > EVIDENCE]
-        if not self._tried_markov or not shown:
+        if not self._tried or not shown:
             return {}
-        likelihood = self._observed(upper_end, error, self._tried_markov)
+        likelihood = self._observed(upper_end, error, self._tried)
         surface = self._fit(upper_end, error)[1]
-        letters = list(dict.fromkeys(tried.letter for tried in self._tried_markov))
-        gains = {
-            term: markov_search.peaks(likelihood, surface, self._tried_markov, term).gains for term in shown
-        }
-        return {term: letters for term, gain in gains.items() if gain.max() > INSTEAD_GAIN}
+        names = list(dict.fromkeys(tried.name for tried in self._tried))
+        gains = {term: timed_search.peaks(likelihood, surface, self._tried, term).gains for term in shown}
+        return {term: names for term, gain in gains.items() if gain.max() > INSTEAD_GAIN}
 
-    def _with_markov_peak(self, upper_end: UpperEnd, peaks: Peaks) -> tuple[Likelihood, Surface]:
-        """Return likelihood and surface with the likeliest Gauss–Markov noise, whose power is fixed."""
-        term, power = peaks.terms[peaks.best], float(peaks.markov[peaks.best])
+    def _with_timed_peak(self, upper_end: UpperEnd, peaks: Peaks) -> tuple[Likelihood, Surface]:
+        """Return likelihood and surface with the likeliest noise with a time constant, whose power is fixed."""
+        term, power = peaks.terms[peaks.best], float(peaks.power[peaks.best])
         likelihood = replace(self._observed(upper_end, 0.0, [term]), beside={term: power})
         # one point, the maximum: a misfit asks for no limits
         peak: dict[NoiseTerm, Floats] = {

@@ -2,14 +2,14 @@
 
 The likelihood of the cosine coefficients says how much a regressor explains with the best B and K beside it. In each
 round the strongest of settling, step, bend of the effect of the temperature and oscillation of few cycles becomes a
-regressor, if its gain exceeds its threshold and that of Gauss–Markov noise. Without one, the coefficients of other
-oscillations are left out: their period wanders, so that no regressor describes them. Last, the lowest coefficients are
-left out if they alone make a walk. The search ends when chance explains the rest.
+regressor, if its gain exceeds its threshold and that of noise with a time constant. Without one, the coefficients of
+other oscillations are left out: their period wanders, so that no regressor describes them. Last, the lowest
+coefficients are left out if they alone make a walk. The search ends when chance explains the rest.
 
 | candidate | counts where | threshold of twice the gain |
 |---|---|---|
 | settling | once, in whole records | `SETTLING_CERTAIN`; below, by its odds |
-| Gauss–Markov noise | once, in whole records, instead of a weaker regressor | even odds |
+| noise with a time constant | once, in whole records, instead of a weaker regressor | even odds |
 | step | in whole records | `CERTAIN`; below, by its odds |
 | bend of the temperature | once, beside the temperature, in whole records | chi-square, `CHANCE` |
 | oscillation of `FEWEST_CYCLES` to `FEW_CYCLES` | last segment | chi-square, `CHANCE` over all places |
@@ -28,7 +28,7 @@ from scipy.special import gammainccinv
 
 from imumon.model.coefficients import SIGNIFICANT
 from imumon.model.samples import Bools, Floats, Ints
-from imumon.noise.fit import markov_search, regressors
+from imumon.noise.fit import regressors, timed_search
 from imumon.noise.fit.hump import LEAK
 from imumon.noise.fit.likelihood import (
     CHANCE,
@@ -51,6 +51,12 @@ from imumon.noise.fit.observations import (
 )
 from imumon.noise.fit.regressors import COEFFICIENTS_PER_REGRESSOR, SETTLING_TIMES, SINGLE, Regressor
 
+MOST_LEVERAGE = 0.5
+"""A coefficient shows noise up to this leverage of the regressors. Unit: of its noise.
+
+Otherwise: the first coefficient, which a drift takes, is zero, and no noise explains that: a hump is sought. Chosen:
+more of it is noise than not.
+"""
 OSCILLATION_WIDTHS = (1, 3, 8, 24)
 """Neighbouring coefficients that are tested together for an oscillation. Unit: coefficients.
 
@@ -147,7 +153,7 @@ class SlowTerms:
     doubtful : an exponential in doubt, with its derivative, or a step in doubt; empty without one.
     odds : likelihood of this regressor against none.
     no_temperature : why the temperature is no regressor: "", ``no_temperature``, ``small_range`` or ``collinear``.
-    markov : power of a Gauss–Markov term beside B and K; empty without one.
+    timed : power of a term with a time constant beside B and K; empty without one.
     slowest : numbers of the lowest coefficients, also in `masked`: they hold a mean that moves slowly, and no walk.
     bounds : channel unit in units of tau0, upper limit of each term that the slowest coefficients show; empty without
         them. It holds also if they are no slow change of the mean but a walk.
@@ -162,7 +168,7 @@ class SlowTerms:
     no_temperature: str
     slowest: Ints = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
     bounds: Mapping[NoiseTerm, float] = field(default_factory=dict)
-    markov: Mapping[NoiseTerm, float] = field(default_factory=dict)
+    timed: Mapping[NoiseTerm, float] = field(default_factory=dict)
 
     def with_terms(self, more: Sequence[NoiseTerm]) -> SlowTerms:
         """Return the same with expectations of some more terms of the noise."""
@@ -185,22 +191,26 @@ class SlowTerms:
         series = self.series
         X = regressors.matrix(series, [*self.regressors, *(self.doubtful if with_doubtful else ())])
         single = _single(series, X)
-        pooled = pooled_cosines(series, self._residual(X), self.masked, single, min(meeting, highest))
+        pooled = pooled_cosines(series, self._residual(X)[0], self.masked, single, min(meeting, highest))
         rows = series.order[:single]
         rows = rows[~self.masked[rows] & (series.f[rows] <= highest)]
         variances = {term: variance[rows] for term, variance in series.variances.items()}
         return pooled, Cosines(series.y[rows], X[rows], variances)
 
-    def _residual(self, X: Floats) -> Floats:
-        """Return (m,) the coefficients without a weighted regression on some regressors (m, q); see `observations`."""
+    def _residual(self, X: Floats) -> tuple[Floats, Floats]:
+        """Return (m,) the coefficients without a weighted regression on some regressors (m, q), and their leverages.
+
+        See `observations` for the weights. The leverage of a coefficient is the share of its noise that the regression
+        takes.
+        """
         weighted = X * (self.series.f * ~self.masked)[:, None]
-        beta = np.linalg.lstsq(weighted.T @ X, weighted.T @ self.series.y, rcond=None)[0]
-        return np.asarray(self.series.y - X @ beta)
+        of_data = np.linalg.lstsq(weighted.T @ X, weighted.T, rcond=None)[0]
+        return np.asarray(self.series.y - X @ (of_data @ self.series.y)), np.einsum("mq,qm->m", X, of_data)
 
     def bands(self, meeting: float) -> Bands:
-        """Return bands of all coefficients that count up to a frequency, also of the lowest ones."""
-        residual = self._residual(regressors.matrix(self.series, self.regressors))
-        return pooled_cosines(self.series, residual, self.masked, 0, meeting)
+        """Return bands of all coefficients that count up to a frequency, but of those that the regressors take."""
+        residual, leverage = self._residual(regressors.matrix(self.series, self.regressors))
+        return pooled_cosines(self.series, residual, self.masked | (leverage > MOST_LEVERAGE), 0, meeting)
 
     def excess(self, surface: Surface) -> Floats:
         """Return (m,) (channel unit)^2, what the coefficients that oscillations hold have above the noise."""
@@ -266,9 +276,9 @@ class SlowTermSearch:
     Parameters
     ----------
     grids : of an earlier search; None: unknown.
-    whole : look for settling, steps, bends and Gauss–Markov noise; False for parts of a record: they are too short to
-        see them.
-    markov : power of Gauss–Markov noise that is known to be there; the series has its variances.
+    whole : look for settling, steps, bends and noise with a time constant; False for parts of a record: they are too
+        short to see them.
+    timed : power of noise with a time constant that is known to be there; the series has its variances.
     left_out : (m,) coefficients within humps and lines of the spectrum; None: there are none.
     spectral : bands of the spectrum that show N where the coefficients that are left do not; None: these do.
     """
@@ -279,7 +289,7 @@ class SlowTermSearch:
         grids: Grids | None,
         *,
         whole: bool = True,
-        markov: Mapping[NoiseTerm, float] | None = None,
+        timed: Mapping[NoiseTerm, float] | None = None,
         left_out: Bools | None = None,
         spectral: Bands | None = None,
     ) -> None:
@@ -291,7 +301,7 @@ class SlowTermSearch:
         first = [*regressors.drifts(series), *([] if temperature is None else [temperature])]
         if left_out is None:
             left_out = np.zeros(series.y.size, dtype=bool)
-        self.terms = SlowTerms(series, first, left_out, left_out, [], 0.0, reason, markov=markov or {})
+        self.terms = SlowTerms(series, first, left_out, left_out, [], 0.0, reason, timed=timed or {})
         self.surface = self._searched()
 
     def result(self) -> SlowTerms:
@@ -304,7 +314,7 @@ class SlowTermSearch:
 
     def _searched(self) -> Surface:
         """Return the likelihood of the block means with the present terms."""
-        self._likelihood = self._observed(list(self.terms.markov))
+        self._likelihood = self._observed(list(self.terms.timed))
         surface = self._likelihood.search(self._series.samples, self._grids)
         self._grids = surface.grids
         return surface
@@ -315,23 +325,23 @@ class SlowTermSearch:
         pooled, coefficients = terms.observations(self._top, self._top)
         if self._spectral is not None:
             pooled = self._spectral.joined(pooled)
-        return Likelihood(pooled, coefficients, beside=self.terms.markov)
+        return Likelihood(pooled, coefficients, beside=self.terms.timed)
 
-    def _add_markov(self, gain: float) -> bool:
-        """Add Gauss–Markov noise if it explains more than a gain, twice that in log likelihood; return whether it does.
+    def _add_timed(self, gain: float) -> bool:
+        """Add noise with a time constant if it explains more than a gain, twice that in log likelihood; return whether.
 
         What looks like a regressor, or like oscillations, may be noise of another kind: regressors are sought beside
         it.
         """
-        tried = markov_search.tried_terms(self._series.samples)
-        if not self._whole or self.terms.markov or not tried:
+        tried = timed_search.tried_terms(self._series.samples)
+        if not self._whole or self.terms.timed or not tried:
             return False
-        peaks = markov_search.peaks(self._observed(tried), self.surface, tried)
-        if markov_search.odds_of(peaks.gains) < 1.0 or 2.0 * float(peaks.gains.max()) <= gain:
+        peaks = timed_search.peaks(self._observed(tried), self.surface, tried)
+        if timed_search.odds_of(peaks.gains) < 1.0 or 2.0 * float(peaks.gains.max()) <= gain:
             return False
-        term, power = peaks.terms[peaks.best], float(peaks.markov[peaks.best])
+        term, power = peaks.terms[peaks.best], float(peaks.power[peaks.best])
         terms = self.terms.with_terms([term])
-        self._series, self.terms = terms.series, replace(terms, markov={term: power}, doubtful=[])
+        self._series, self.terms = terms.series, replace(terms, timed={term: power}, doubtful=[])
         return True
 
     def _add_strongest(self) -> bool:
@@ -350,7 +360,7 @@ class SlowTermSearch:
         if not (beyond > 0.0).any():
             self._doubt(candidates, gains)
             return False
-        if self._add_markov(float(gains.max(where=beyond > 0.0, initial=0.0))):
+        if self._add_timed(float(gains.max(where=beyond > 0.0, initial=0.0))):
             return True
         added = best.regressors or self._oscillation(best.number)
         places = {(regressor.name, regressor.place) for regressor in self.terms.regressors}
@@ -421,8 +431,8 @@ class SlowTermSearch:
         terms = self.terms
         if added[0].name not in regressors.OSCILLATION:
             terms = replace(terms, masked=terms.left_out, slowest=terms.slowest[:0], bounds={})
-        # what looked like Gauss–Markov noise may have been the regressor
-        self.terms = replace(terms, regressors=[*terms.regressors, *added], doubtful=[], markov={})
+        # what looked like noise with a time constant may have been the regressor
+        self.terms = replace(terms, regressors=[*terms.regressors, *added], doubtful=[], timed={})
 
     def _gains(self, cosines: Floats, starts: Ints) -> Floats:
         """Return twice the gain in log likelihood by cosines (m, t) of regressors added from each start to the next."""
@@ -480,7 +490,7 @@ class SlowTermSearch:
             masked[self.terms.slowest] = True
         if not (masked & ~self.terms.masked).any():
             return False
-        if not self._add_markov(0.0):
+        if not self._add_timed(0.0):
             self.terms = replace(self.terms, masked=masked)
         return True
 
@@ -505,7 +515,7 @@ class SlowTermSearch:
             for term in growing
         }
         self.terms = replace(terms, masked=masked, slowest=slowest, bounds=bounds)
-        beyond = self._observed(list(terms.markov))
+        beyond = self._observed(list(terms.timed))
         if not any(_shows_beyond(beyond, self.surface, term) for term in growing):
             return True
         self.terms = terms

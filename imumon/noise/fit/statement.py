@@ -64,7 +64,7 @@ from imumon.noise.fit.likelihood import (
     upper_limit,
     without,
 )
-from imumon.noise.fit.model import GRIDDED, QUANTISATION, WHITE, NoiseTerm
+from imumon.noise.fit.model import GRIDDED, QUANTISATION, VIBRATION, WHITE, NoiseTerm, WanderingLine
 from imumon.noise.fit.model_curve import (
     VISIBLE,
     moved_variances,
@@ -354,9 +354,14 @@ def state_model(
 
 
 def _hump_range(model: Model, tau0: float) -> tuple[float, float] | None:
-    """Return the range of a hump that has a name, Hz; None without one."""
-    band = model.choice.band
-    return (band.low / tau0, band.high / tau0) if band is not None and band.is_certain else None
+    """Return the range of a hump, or of a line that wanders, Hz; None without one."""
+    band, timed = model.choice.band, model.timed
+    if band is not None:
+        return band.low / tau0, band.high / tau0
+    if timed is not None and timed.is_certain and isinstance(timed.term, WanderingLine):
+        low, high = timed.term.range
+        return low / tau0, high / tau0
+    return None
 
 
 def _mains(low: float, high: float, rate: float) -> tuple[float, ...]:
@@ -502,7 +507,7 @@ def _correlated(model: Model) -> dict[NoiseTerm, Estimate]:
     Each is tested against the others at their likeliest. Those that do not show so are open. Where the open ones are
     needed together, the record does not show which of them it is.
     """
-    surface, markov = model.surface, model.markov
+    surface, timed = model.surface, model.timed
     shown: dict[NoiseTerm, bool] = {term: evidence(surface, term) > EVIDENCE for term in GRIDDED}
     limits = _limits_of_gridded(surface, shown)
     for term, bound in model.slow.bounds.items():
@@ -510,11 +515,12 @@ def _correlated(model: Model) -> dict[NoiseTerm, Estimate]:
         limits[term] = low, value, max(high, bound)
     open_terms: list[NoiseTerm] = [term for term in GRIDDED if not shown[term]]
     hidden = _may_be_another(model, shown)
-    if markov is not None:
-        shown[markov.term] = markov.is_certain and markov.term not in hidden
-        limits[markov.term] = tuple(quantiles(markov.surface, markov.term, LIMITS).tolist())
-        if not shown[markov.term]:
-            open_terms.append(markov.term)
+    if timed is not None:
+        shown[timed.term] = timed.is_certain and timed.term not in hidden
+        if not shown[timed.term]:
+            open_terms.append(timed.term)
+        if timed.term.is_stated:
+            limits[timed.term] = tuple(quantiles(timed.surface, timed.term, LIMITS).tolist())
     confused = _confused(model, open_terms) | hidden
     estimates: dict[NoiseTerm, Estimate] = {}
     for term, (low, value, high) in limits.items():
@@ -532,30 +538,27 @@ def _correlated(model: Model) -> dict[NoiseTerm, Estimate]:
 def _may_be_another(model: Model, shown: Mapping[NoiseTerm, bool]) -> dict[NoiseTerm, Sequence[str]]:
     """Return the terms that show and may be something else, with what they may be."""
     hidden: dict[NoiseTerm, Sequence[str]] = {}
-    # below the band of a hum that wanders to frequency zero, its skirt looks like a walk, or like Gauss–Markov noise
-    reaches_zero = model.hump is not None and model.hump.reaches_zero
-    if model.markov is not None and model.markov.is_certain and (reaches_zero or model.choice.may_be_hump):
-        hidden[model.markov.term] = ["a vibration"]
-    for term in GRIDDED if reaches_zero else ():
-        if term.grows and shown[term]:
-            hidden[term] = ["a vibration"]
+    if model.timed is not None and model.timed.is_shown and not model.timed.is_certain:
+        hidden[model.timed.term] = [VIBRATION]
+    if model.hump is not None and model.hump.reaches_zero:  # below its band, its skirt looks like a walk
+        hidden |= {term: [VIBRATION] for term in GRIDDED if term.grows and shown[term]}
     return {**hidden, **model.instead}
 
 
 def _confused(model: Model, open_terms: Sequence[NoiseTerm]) -> dict[NoiseTerm, Sequence[str]]:
-    """Return the letters of the terms from which each open one is indistinct; empty where none of them is needed."""
-    markov = model.markov
-    # without a measured M in the model, something is correlated: its odds are even or better
+    """Return the names of the terms from which each open one is indistinct; empty where none of them is needed."""
+    timed = model.timed
+    # with a term in the model that is not measured, something is correlated: its odds are even or better
     together = len(open_terms) > 1 and (
-        (markov is not None and not markov.is_certain) or joint_evidence(model.surface, open_terms) > EVIDENCE
+        (timed is not None and not timed.is_certain) or joint_evidence(model.surface, open_terms) > EVIDENCE
     )
     if not together:
         return {}
-    return {term: [other.letter for other in open_terms if other != term] for term in open_terms}
+    return {term: [other.name for other in open_terms if other != term] for term in open_terms}
 
 
 def _indistinct(high: float, others: Sequence[str]) -> Estimate:
-    """Return the bound of a coefficient that the record does not distinguish from others, named by their letters."""
+    """Return the bound of a coefficient that the record does not distinguish from others."""
     reason = f"the record does not distinguish it from {' and '.join(others)}"
     return Estimate(low=0.0, high=high, status="indistinct", reason=reason)
 
@@ -575,12 +578,12 @@ def _limits_of_gridded(
 
 def _markov(model: Model, coefficients: Mapping[str, Estimate], tau0: float) -> MarkovEstimate | None:
     """Return the term that is stated with its time constant, in SI; None where it is not in the model."""
-    markov = model.markov
-    if markov is None or markov.term.time_letter is None or markov.term.letter not in coefficients:
+    timed = model.timed
+    if timed is None or timed.term.time_letter is None or timed.term.letter not in coefficients:
         return None
-    sigma = coefficients[markov.term.letter]
-    low, value, high = (time * tau0 for time in markov.time_quantiles(LIMITS).tolist())
-    # measured includes that the record bounds its time (`MarkovSurface.is_certain`)
+    sigma = coefficients[timed.term.letter]
+    low, value, high = (time * tau0 for time in timed.time_quantiles(LIMITS).tolist())
+    # measured includes that the record bounds its time (`TimedSurface.is_certain`)
     if sigma.status == "measured":
         time = Estimate(value=value, low=low, high=high, status="measured", unit="s")
     else:
@@ -590,10 +593,10 @@ def _markov(model: Model, coefficients: Mapping[str, Estimate], tau0: float) -> 
 
 def _jumps(model: Model, tau0: float) -> TwoLevels | None:
     """Return the levels between which the mean jumps, channel unit, and the time in each, s; None without jumps."""
-    assert model.markov is not None
-    series, term = model.slow.series, model.markov.term
+    assert model.timed is not None
+    series, term = model.slow.series, model.timed.term
     steady = series.series - moved(model)
-    jumps = two_levels(steady, math.sqrt(model.markov.peak[term]), term.time / series.length)
+    jumps = two_levels(steady, math.sqrt(model.timed.peak[term]), term.time / series.length)
     if jumps is None:
         return None
     low, high = (model.offset + level for level in jumps.levels)

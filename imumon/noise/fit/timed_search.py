@@ -1,19 +1,23 @@
-"""Search for Gauss–Markov noise (M) beside N, B and K.
+"""Search for noise with a time constant beside N, B and K: Gauss–Markov noise (M), and a line that wanders.
 
 Correlated noise with a time constant looks like B over an octave, like K below it and like N above it. Without a term
 for it, the likelihood puts its power into B and K and states both with narrow limits. With the term always in the
-model, B would be too small where the noise is flicker: standard deviation and time constant of M have more room than B.
-So the data decide, by odds:
+model, B would be too small where the noise is flicker: its size and its time constant have more room than B. So the
+data decide, by odds:
 
-1. *Peaks*. For nine time constants from `SHORTEST` samples to a share `LONGEST` of the record, the likeliest powers of
-   all terms follow from Fisher's scoring. The gain in log likelihood over the model without M, averaged as a likelihood
-   over the time constants and divided by `PENALTY`, are the odds of the term.
-2. *Surface*. From even odds on, the likelihood on a grid of B, K and M is summed over time constants about the
-   likeliest one (flat prior in log T), so that it holds what the record does not show of T.
+1. *Peaks*. For nine time constants of each kind, from `SHORTEST` samples to a share `LONGEST` of the record, the
+   likeliest powers of all terms follow from Fisher's scoring. The gain in log likelihood over the model without the
+   term, averaged as a likelihood over all of them and divided by `PENALTY`, are the odds of the term.
+2. *Surface*. From even odds on, the likelihood on a grid of B, K and the size of the term is summed over both kinds and
+   over time constants about the likeliest one of each (flat prior in log T), so that it holds what the record does not
+   show of kind and time constant.
 3. *Mixture*. The likelihoods with and without the term count in these odds.
 
-K is measured only where it describes the record as well as M in its place, which has one parameter more, so that its
-likelihood must be e times as great (Akaike 1974). In a record of few time constants M and a walk look alike.
+A weak hum that wanders nearly to frequency zero differs from Gauss–Markov noise by its skirts alone. Neither is named
+where the record does not show which of them it has, but both count for the limits of B.
+
+K is measured only where it describes the record as well as such a term in its place, which has one parameter more, so
+that its likelihood must be e times as great (Akaike 1974). In a record of few time constants M and a walk look alike.
 
 Time constants are on a lattice (`LATTICE`), so that expectations are computed once for all channels and fits.
 """
@@ -55,7 +59,7 @@ LONGEST = 0.1
 Otherwise: with more, it looks like a random walk, and no record distinguishes the two. Origin: a record of ten time
 constants has five independent values (`markov.py`).
 """
-MARKOV_TIMES = 9
+TRIED_TIMES = 9
 """Number of time constants whose gains are averaged to the odds of the term. Unit: time constants.
 
 Otherwise: with fewer, a term between two of them loses gain; with more, fits are slow. Chosen: two of them are a
@@ -75,6 +79,12 @@ odds.
 Otherwise: a standard deviation with a lower limit is stated of noise that may be flicker. Origin: 19 to 1 is 95 %, as
 of all limits (`markov.py`).
 """
+KIND_SHARE = 0.9
+"""A kind has a name from this share of the likelihood of both kinds on. Unit: 1.
+
+Otherwise: at 0.88, a hum of a tenth of the noise is measured as M in 5 of 100 records; at 0.95, M of two floors is lost
+in 20 of 100 more. Chosen: between them (`markov.py`).
+"""
 END_SHARE = 0.2
 """A time constant is bounded where its density has fallen to this share at both ends of what was tried. Unit: of
 the greatest density.
@@ -88,7 +98,7 @@ LATTICE = 16
 Otherwise: expectations are computed again for each channel and fit. Origin: steps of 4 %: below the error of any time
 constant.
 """
-MARKOV_NODES = 7
+TIMED_NODES = 7
 """Number of time constants over which the likelihood is summed. Unit: time constants.
 
 Otherwise: with 5, limits of the time constant move by up to a quarter of their distance. Origin: chosen for the time;
@@ -105,7 +115,7 @@ LONGEST_STEP = 1.5
 
 Otherwise: a power far from its maximum overshoots, and scoring does not end.
 """
-LEAST_MARKOV_SHARE = 1e-4
+LEAST_TIMED_SHARE = 1e-4
 """Least power that a term has in scoring, where it shows most. Unit: of the noise.
 
 Otherwise: a power that vanishes has no logarithm. Chosen: far below what any record shows.
@@ -117,30 +127,30 @@ Observed = Callable[[Sequence[NoiseTerm]], Likelihood]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Peaks:
-    """The likeliest model with each of some time constants.
+    """The likeliest model with each of some terms that have a time constant.
 
     Attributes
     ----------
-    terms : M with each of t time constants.
+    terms : the last term of each of t models.
     gains : (t,) gain in log likelihood over the likeliest model without the term.
     powers : (t,) likeliest power of each other term.
-    markov : (t,) likeliest power of M.
+    power : (t,) its likeliest power.
     """
 
     terms: tuple[TimedTerm, ...]
     gains: Floats
     powers: dict[NoiseTerm, Floats]
-    markov: Floats
+    power: Floats
 
     @property
     def best(self) -> int:
-        """Number of the likeliest time constant."""
+        """Number of the likeliest model."""
         return int(self.gains.argmax())
 
-    @property
-    def times(self) -> Floats:
-        """(t,) samples, time constants."""
-        return np.array([term.time for term in self.terms])
+    def likeliest(self, number: int) -> tuple[dict[NoiseTerm, float], float]:
+        """Return the likeliest powers of the other terms beside a term, and the root of its own."""
+        powers = {term: float(power[number]) for term, power in self.powers.items()}
+        return powers, float(np.sqrt(self.power[number]))
 
 
 def peaks(
@@ -149,7 +159,7 @@ def peaks(
     terms: Sequence[TimedTerm],
     absent: NoiseTerm | None = None,
 ) -> Peaks:
-    """Return the likeliest models with Gauss–Markov noise of some time constants.
+    """Return the likeliest models with each of some terms that have a time constant.
 
     Parameters
     ----------
@@ -197,7 +207,7 @@ def _likeliest(
     for unit, term in zip(units, terms, strict=True):
         unit[-1] = 0.0 if term is None else squares.expected[term]
     # a power of zero has no logarithm: a ten thousandth of the noise, where it shows most, is zero here
-    least = LEAST_MARKOV_SHARE * (model / np.maximum(units.max(axis=0), 1e-300)).min(axis=1)
+    least = LEAST_TIMED_SHARE * (model / np.maximum(units.max(axis=0), 1e-300)).min(axis=1)
     powers = np.exp(scored_powers(squares, units, np.log(np.maximum(start, 10.0 * least)), np.log(least)))
     number = np.arange(len(terms))
     each: dict[NoiseTerm, Floats] = {
@@ -249,7 +259,7 @@ def tried_terms(samples: float) -> tuple[TimedTerm, ...]:
     """Return the terms whose gains make the odds; none in records that are too short."""
     if LONGEST * samples <= SHORTEST:
         return ()
-    times = lattice(np.geomspace(SHORTEST, LONGEST * samples, MARKOV_TIMES))
+    times = lattice(np.geomspace(SHORTEST, LONGEST * samples, TRIED_TIMES))
     return tuple(kind.with_time(time) for kind in TRIED for time in times)
 
 
@@ -259,79 +269,78 @@ def odds_of(gains: Floats) -> float:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class MarkovSurface:
-    """Likelihood with Gauss–Markov noise.
+class TimedSurface:
+    """Likelihood with a term that has a time constant.
 
     Attributes
     ----------
-    surface : on a grid of B, K and the standard deviation of M, summed over the time constants.
-    term : M with the likeliest time constant. On the grid it is the axis of all of them.
-    times, weights : (t,) samples; probability density of the logarithm of the time constant.
-    odds : of the term.
+    surface : on a grid of B, K and the size of the term, summed over kinds and time constants.
+    term : the likeliest; M where the record does not show that it is another kind. On the grid it is the axis of all.
+    terms, weights : (t,) terms that are summed; probability density of each over the logarithm of the time constant.
+    odds : of a term of any kind.
     peak : likeliest powers.
     """
 
     surface: Surface
     term: TimedTerm
-    times: Floats
+    terms: tuple[TimedTerm, ...]
     weights: Floats
     odds: float
     peak: dict[NoiseTerm, float]
 
     @property
-    def is_certain(self) -> bool:
-        """Whether M is measured: its odds exceed `CERTAIN_ODDS`, and the record bounds its time constant."""
+    def is_shown(self) -> bool:
+        """Whether there is such noise: its odds exceed `CERTAIN_ODDS`, and the record bounds its time constant."""
         return self.odds > CERTAIN_ODDS and self.is_bounded
+
+    @property
+    def is_certain(self) -> bool:
+        """Whether it is measured: the record also shows its kind."""
+        weights = self.weights * _cells(self.terms)
+        return self.is_shown and bool(weights[self._alike].sum() > KIND_SHARE * weights.sum())
 
     @property
     def is_bounded(self) -> bool:
         """Whether the record bounds the time constant at both ends."""
-        return bool(self.weights[[0, -1]].max() < END_SHARE * self.weights.max())
+        weights = self.weights[self._alike]
+        return bool(weights[[0, -1]].max() < END_SHARE * weights.max())
 
     def time_quantiles(self, probabilities: Floats) -> Floats:
         """Return quantiles of the time constant, samples."""
-        if self.times.size < 4:
+        times, weights = np.array([self.terms[i].time for i in self._alike]), self.weights[self._alike]
+        if times.size < 4:
             return np.full(probabilities.size, self.term.time)
-        nodes = np.log(self.times)
+        nodes = np.log(times)
         even = np.linspace(nodes[0], nodes[-1], 60)
         # between the nodes, the logarithm of the density is smooth
-        log = np.interp(even, nodes, np.log(np.maximum(self.weights, 1e-12 * self.weights.max())))
+        log = np.interp(even, nodes, np.log(np.maximum(weights, 1e-12 * weights.max())))
         return np.asarray(np.exp(density_quantiles(even, np.exp(log - log.max()), probabilities)))
 
+    @property
+    def _alike(self) -> list[int]:
+        """Numbers of the terms of its kind."""
+        return next(alike for alike in _kinds(self.terms) if self.term.letter == self.terms[alike[0]].letter)
 
-def markov_surface(observed: Observed, surface: Surface, samples: float, coarse: Peaks) -> MarkovSurface:
-    """Return the likelihood with the term, whose time constant is not known."""
-    # the likeliest time constant between those that were tried, which are a factor of up to eight apart
-    kind = coarse.terms[coarse.best]
-    around = kind.time * 2.0 ** np.linspace(-1.5, 1.5, 13)
-    # somewhat beyond what is tried, so that a time constant at an end is no end of its own likelihood
-    around = around[(around >= 0.5 * SHORTEST) & (around <= 2.0 * LONGEST * samples)]
-    finer_terms = [kind.with_time(time) for time in lattice(around)]
+
+def timed_surface(observed: Observed, surface: Surface, samples: float, coarse: Peaks) -> TimedSurface:
+    """Return the likelihood with a term whose kind and whose time constant are not known."""
+    finer_terms = _between(coarse, samples)
     finer_likelihood = observed(finer_terms)
     finer = peaks(finer_likelihood, surface, finer_terms)
-    alike = [term.letter == kind.letter for term in coarse.terms]
-    times = np.concatenate((coarse.times[alike], finer.times))
-    gains = np.concatenate((coarse.gains[alike], finer.gains))
-    # those that are not negligible, and a step of the finer ones beyond
-    within = times[gains > gains.max() - GRID_FALL * DROP]
-    step = 2.0**0.25
-    low, high = within.min() / step, within.max() * step
-    nodes = lattice(np.geomspace(low, min(high, LONGEST * samples), MARKOV_NODES))
-    terms = [kind.with_time(time) for time in nodes]
+    terms = _nodes([*coarse.terms, *finer.terms], np.append(coarse.gains, finer.gains), samples)
     likelihood = observed(terms)
     center = finer.terms[finer.best]
-    peak: dict[NoiseTerm, float] = {term: float(power[finer.best]) for term, power in finer.powers.items()}
-    sigma = float(np.sqrt(finer.markov[finer.best]))
+    peak, sigma = finer.likeliest(finer.best)
     grids: Grids = {
         term: np.linspace(0.0, max(2.0 * np.sqrt(peak[term]), 0.6 * grid[-1]), GRID // 2)
         for term, grid in surface.grids.items()
     } | {
         center: np.linspace(0.0, 2.0 * sigma, GRID // 2),
     }
-    # first the grid of the likeliest time constant alone, which is nearly that of all, then of the ends beside it
+    # first the grid of the likeliest term alone, which is nearly that of all, then of the ends of each kind
     first = finer_likelihood.at_values_of(surface, grids)
     grids = {term: near(first, term, GRID // 2) for term in grids}
-    ends = [terms[0], terms[len(terms) // 2], terms[-1]]
+    ends = [terms[alike[i]] for alike in _kinds(terms) for i in sorted({0, len(alike) // 2, len(alike) - 1})]
     wider = _summed(_of_each(likelihood, surface, ends, center, grids), ends, grids)
     grids = {term: near(wider, term, GRID // 2) for term in grids}
     for _ in range(MOST_MOVES):
@@ -342,9 +351,61 @@ def markov_surface(observed: Observed, surface: Surface, samples: float, coarse:
         grids = {term: near(total, term, GRID // 2) for term in total.grids}
     logs = np.stack([part.log for part in parts])
     weights = np.exp(logs - logs.max()) @ total.cells.ravel()
-    peak[center] = sigma**2
+    number = _to_state(finer, terms, weights)
+    peak, sigma = finer.likeliest(number)
+    term = finer.terms[number]
     averaged = _averaged(total, parts, terms)
-    return MarkovSurface(averaged, center, np.array(nodes), weights, odds_of(coarse.gains), peak)
+    averaged = replace(
+        averaged, grids={term if key == center else key: grid for key, grid in total.grids.items()}
+    )
+    peak[term] = sigma**2
+    return TimedSurface(averaged, term, tuple(terms), weights, odds_of(coarse.gains), peak)
+
+
+def _to_state(finer: Peaks, terms: Sequence[TimedTerm], weights: Floats) -> int:
+    """Return the number of the term to state: of a kind that the report states, unless the record shows another."""
+    shares = weights * _cells(terms)
+    is_other = float(shares @ [not term.is_stated for term in terms]) > KIND_SHARE * shares.sum()
+    return max(
+        (number for number, term in enumerate(finer.terms) if term.is_stated != is_other),
+        key=lambda number: float(finer.gains[number]),
+    )
+
+
+def _kinds(terms: Sequence[TimedTerm]) -> list[list[int]]:
+    """Return the numbers of the terms of each kind."""
+    numbers: dict[str, list[int]] = {}
+    for number, term in enumerate(terms):
+        numbers.setdefault(term.letter, []).append(number)
+    return list(numbers.values())
+
+
+def _between(coarse: Peaks, samples: float) -> list[TimedTerm]:
+    """Return terms between those that were tried, a factor of up to eight apart, about the likeliest of each kind."""
+    terms: list[TimedTerm] = []
+    for alike in _kinds(coarse.terms):
+        best = coarse.terms[max(alike, key=lambda number: float(coarse.gains[number]))]
+        around = best.time * 2.0 ** np.linspace(-1.5, 1.5, 13)
+        # somewhat beyond what is tried, so that a time constant at an end is no end of its own likelihood
+        around = around[(around >= 0.5 * SHORTEST) & (around <= 2.0 * LONGEST * samples)]
+        terms += [best.with_time(time) for time in lattice(around)]
+    return terms
+
+
+def _nodes(terms: Sequence[TimedTerm], gains: Floats, samples: float) -> list[TimedTerm]:
+    """Return the terms of each kind over which the likelihood is summed: those that are not negligible, and a step
+    beyond.
+    """
+    nodes: list[TimedTerm] = []
+    step = 2.0**0.25  # of the finer ones
+    for alike in _kinds(terms):
+        within = [terms[i].time for i in alike if gains[i] > gains.max() - GRID_FALL * DROP]
+        if within:
+            low, high = min(within) / step, min(max(within) * step, LONGEST * samples)
+            nodes += [
+                terms[alike[0]].with_time(time) for time in lattice(np.geomspace(low, high, TIMED_NODES))
+            ]
+    return nodes
 
 
 def _of_each(
@@ -386,33 +447,34 @@ def _averaged(total: Surface, parts: Sequence[Surface], terms: Sequence[TimedTer
 
 
 def _cells(terms: Sequence[TimedTerm]) -> Floats:
-    """Return (t,) the part of the line of log T that each of t terms in order has, half of it at both ends."""
-    if len(terms) == 1:
-        return np.ones(1)
-    cells = np.gradient(np.log([term.time for term in terms]))
-    cells[[0, -1]] *= 0.5
-    return np.asarray(cells)
+    """Return (t,) the part of the line of log T that each of t terms has, half of it at both ends of a kind."""
+    cells = np.ones(len(terms))
+    for alike in _kinds(terms):
+        if len(alike) > 1:
+            cells[alike] = np.gradient(np.log([terms[number].time for number in alike]))
+            cells[[alike[0], alike[-1]]] *= 0.5
+    return cells
 
 
-def mixed_with(without: Surface, markov: MarkovSurface) -> Surface:
+def mixed_with(without: Surface, timed: TimedSurface) -> Surface:
     """Return the likelihood of B and K with and without the term, mixed in its odds.
 
     Parameters
     ----------
     without : without the term, on a grid that holds both.
     """
-    second = _marginal(markov.surface, without.grids)
+    second = _marginal(timed.surface, without.grids)
     # Both get the same maximum, so that the ratio of their integrals is that of their weights: the odds are those of
     # the models, whatever the width of their likelihoods.
     second = replace(second, log=second.log - second.log.max() + without.log.max())
-    both = mixed(without, second, markov.odds * float(without.weights().sum() / second.weights().sum()))
+    both = mixed(without, second, timed.odds * float(without.weights().sum() / second.weights().sum()))
     # what is drawn and tested is the model with the term: it is more likely than the one without
-    beside: dict[NoiseTerm, float] = {markov.term: markov.peak[markov.term]}
-    return replace(both, likeliest=markov.peak, beside=beside)
+    beside: dict[NoiseTerm, float] = {timed.term: timed.peak[timed.term]}
+    return replace(both, likeliest=timed.peak, beside=beside)
 
 
 def _marginal(inner: Surface, grids: Grids) -> Surface:
-    """Return a surface of B, K and M summed over M, on another grid of B and K."""
+    """Return a surface of B, K and another term summed over it, on another grid of B and K."""
     # a density, not a share of a cell
     p = inner.weights().sum(axis=2) / inner.cells[:, :, -1]
     smooth = np.log(np.maximum(p, 1e-300 * p.max()))
