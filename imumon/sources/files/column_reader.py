@@ -663,7 +663,8 @@ def _may_be_gyro(triple: Triple) -> bool:
 def _unit_of_one_g(triple: Triple) -> str:
     """Return the unit of an accelerometer, stated or that of its length; empty: it is none."""
     in_counts = triple.counts and counts_of_gravity(triple.size)
-    if triple.known_quantity not in (None, "accel") or ANGULAR.search(triple.words) or in_counts:
+    is_other = ANGULAR.search(triple.words) or is_of_another_sensor(triple.words, triple.known_quantity)
+    if triple.known_quantity not in (None, "accel") or is_other or in_counts:
         return ""
     return triple.unit.lower() if triple.known_quantity else next(iter(units_of_gravity(triple.size)), "")
 

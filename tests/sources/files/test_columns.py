@@ -145,6 +145,13 @@ def test_the_accelerometer_shows_the_grade_of_a_gyroscope(noise: float, ratio: f
         assert reading.uses[0].unit == unit
 
 
+def test_an_estimate_of_gravity_shows_no_grade() -> None:
+    """It is quieter than any sensor."""
+    gravity = RNG.normal([0.01, -0.02, 1.0], 1e-6, (2000, 3))
+    reading = read("t_ms,gx,gy,gz,gravity_x,gravity_y,gravity_z", 10 * STEP, GYRO, gravity)
+    assert reading.uses[0].unit == "rad/s"
+
+
 @pytest.mark.parametrize("start", [1.7e9, 1.7e12, 1.7e15, 1.7e18])
 def test_a_clock_that_counts_from_1970_is_certain(start: float) -> None:
     unit = start / 1.7e9
