@@ -282,13 +282,17 @@ class _ColumnReader:
             if certain
             else f"{triple.label} have the unit {unit}, and the name of {named or 'no sensor'}"
         )
-        use = _use(key, triple, unit, reason, certain=certain, kind=kind)
+        return self._at_rest(_use(key, triple, unit, reason, certain=certain, kind=kind), triple, quantity)
+
+    def _at_rest(self, use: Use, triple: Triple, quantity: str) -> Use:
+        """Return a sensor with its stated unit, or a question if its size is 1 g in another one; note other doubts."""
         assert use.known is not None
         doubt = doubt_at_rest(quantity, triple.rows * use.known.factor, 10.0 * NOISIEST)
-        if doubt and quantity == "accel" and (reason := _contradiction(triple, unit, use.known)):
-            other = next(iter(units_of_gravity(triple.size)), unit)
-            return _use(key, triple, other, reason, kind=kind)
-        self._remarks += [f"{triple.label} in {unit}: {doubt}"] if doubt else []
+        if doubt and quantity == "accel" and (reason := _contradiction(triple, use.unit, use.known)):
+            other = next(iter(units_of_gravity(triple.size)), use.unit)
+            return _use(use.key, triple, other, reason, kind=use.kind)
+        if doubt:
+            self._remarks.append(f"{triple.label} in {use.unit}: {doubt}")
         return use
 
     def _of_unknown_unit(self, triple: Triple, key: str) -> Use | None:

@@ -42,15 +42,7 @@ def chosen_table(
         listed = ", ".join(code for each in printed for _, code in each.codes)
         message = f"no row of the first has {option_text(where=wanted)}"
         raise RecordingError("no_such_rows", message, f"there are {listed or 'no such columns'}")
-    readings: dict[int, Reading] = {}
-    faults: list[RecordingError] = []
-    for k in places:
-        try:
-            readings[k] = _reading(printed[k], text, options, path)
-        except RecordingError as error:
-            faults.append(error)
-    if not readings:
-        raise max(faults, key=lambda error: error.code != "no_sensor")
+    readings = _readings({k: printed[k] for k in places}, text, options, path)
     sensors = {k: [use.key for use in each.uses if use.key in INERTIAL] for k, each in readings.items()}
     best = min(readings, key=lambda k: (len(sensors[k]) < len(INERTIAL), "gyro" not in sensors[k], k))
     if len(readings) == 1 or wanted:
@@ -63,6 +55,22 @@ def chosen_table(
     question = Use("rows", known=known, reason=reason + others, assumptions=("assumed_columns",))
     where = tuple(choices[best].items())
     return printed[best], replace(readings[best], uses=(*readings[best].uses, question), where=where)
+
+
+def _readings(
+    wanted: Mapping[int, PrintedTable], text: str, options: ReadOptions, path: str
+) -> dict[int, Reading]:
+    """Return what the columns of tables are, of those that have a sensor; raise `RecordingError` if none has."""
+    readings: dict[int, Reading] = {}
+    faults: list[RecordingError] = []
+    for k, table in wanted.items():
+        try:
+            readings[k] = _reading(table, text, options, path)
+        except RecordingError as error:
+            faults.append(error)
+    if not readings:
+        raise max(faults, key=lambda error: error.code != "no_sensor")
+    return readings
 
 
 def _reading(table: PrintedTable, text: str, options: ReadOptions, path: str) -> Reading:

@@ -243,10 +243,8 @@ class LineDecoder:
             return None
         record = b"".join(self._record)
         if (match := form.pattern.fullmatch(record)) is None:
-            first = self._record.pop(0)
-            cells = form.cells(first)
-            is_header = len(cells) == len(form.table.names) and are_names(cells)
-            self._leave_out(first, "header" if is_header else form.reason(first))
+            line = self._record.pop(0)
+            self._leave_out(line, _reason(form, line))
             return None
         self._record = []
         if form.table.lines > 1:
@@ -310,6 +308,13 @@ class LineDecoder:
             if len(self._first) == SIZE_SAMPLES:
                 self._unit_doubts += tuple(_unit_doubts(columns, np.array(self._first)))
         return [SampleBlock(columns.stream, values, times, np.array([row.lost for row in rows], np.int64))]
+
+
+def _reason(form: RecordForm, line: bytes) -> str:
+    """Return why a line is no sample, as the ledger has it; a board that restarts prints its header again."""
+    cells = form.cells(line)
+    is_header = len(cells) == len(form.table.names) and are_names(cells)
+    return "header" if is_header else form.reason(line)
 
 
 def _unit_doubts(columns: LineColumns, rows: Floats) -> Iterator[str]:
