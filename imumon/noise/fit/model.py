@@ -96,8 +96,8 @@ lag.
 LINE_SHAPE = 0.9
 """Standard deviation of the frequency of a line that wanders. Unit: of its mean.
 
-Otherwise: at 1 its density is as flat at frequency zero as that of Gauss–Markov noise, and the two cannot be told
-apart; at 0.67, B beside weaker and wider hums is too high in 4 of 100 (`markov.py`).
+Otherwise: at 1, Gauss–Markov noise is taken for it in one record in ten more; its density is as flat at frequency zero.
+At 0.67, limits of B beside a weak hum are a tenth narrower, and miss it in 4 records of 100 (`markov.py`).
 """
 LEAST_DENSITY = 1e-30
 """Least density of a line, where it has none: a term of zero has no share. Unit: of the greatest."""
