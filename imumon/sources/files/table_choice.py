@@ -36,13 +36,7 @@ def chosen_table(
     RecordingError : no table is the one that the options choose, or none has a sensor.
     """
     wanted = options.where or {}
-    labels = [_labels(k, each) for k, each in enumerate(printed)]
-    places = [k for k, of in enumerate(labels) if _are_chosen(of, wanted)]
-    if not places:
-        listed = ", ".join(code for each in printed for _, code in each.codes)
-        message = f"no row of the first has {option_text(where=wanted)}"
-        raise RecordingError("no_such_rows", message, f"there are {listed or 'no such columns'}")
-    readings = _readings({k: printed[k] for k in places}, text, options, path)
+    readings = _readings(_chosen(printed, wanted), text, options, path)
     sensors = {k: [use.key for use in each.uses if use.key in INERTIAL] for k, each in readings.items()}
     best = min(readings, key=lambda k: (len(sensors[k]) < len(INERTIAL), "gyro" not in sensors[k], k))
     if len(readings) == 1 or wanted:
@@ -55,6 +49,16 @@ def chosen_table(
     question = Use("rows", known=known, reason=reason + others, assumptions=("assumed_columns",))
     where = tuple(choices[best].items())
     return printed[best], replace(readings[best], uses=(*readings[best].uses, question), where=where)
+
+
+def _chosen(printed: Sequence[PrintedTable], wanted: Mapping[str, str]) -> dict[int, PrintedTable]:
+    """Return the tables that the user chooses, by their places; raise `RecordingError` if none is such."""
+    chosen = {k: each for k, each in enumerate(printed) if _are_chosen(_labels(k, each), wanted)}
+    if not chosen:
+        listed = ", ".join(code for each in printed for _, code in each.codes)
+        message = f"no row of the first has {option_text(where=wanted)}"
+        raise RecordingError("no_such_rows", message, f"there are {listed or 'no such columns'}")
+    return chosen
 
 
 def _readings(
