@@ -277,11 +277,8 @@ class _ColumnReader:
         named = inertial_sensor_of(triple.words)
         # one number of that unit may be any speed: its name says that it is of a sensor
         certain = named == key or (not named and (len(triple.axes) == len(AXES) or self._hint == key))
-        reason = (
-            "its unit is stated"
-            if certain
-            else f"{triple.label} have the unit {unit}, and the name of {named or 'no sensor'}"
-        )
+        of_other = f"{triple.label} have the unit {unit}, and the name of {named or 'no sensor'}"
+        reason = "its unit is stated" if certain else of_other
         return self._at_rest(_use(key, triple, unit, reason, certain=certain, kind=kind), triple, quantity)
 
     def _at_rest(self, use: Use, triple: Triple, quantity: str) -> Use:
