@@ -18,14 +18,12 @@ import argparse
 import gzip
 import itertools
 import math
-import tempfile
 from pathlib import Path
 
 import numpy as np
 from document_tables import head, row
 
-from imumon.api.replay import replay
-from imumon.api.replay_options import ReplayOptions
+from imumon import analyse
 from imumon.model.coefficients import COEFFICIENTS, Estimate
 from imumon.model.report import Report
 from imumon.model.units import figures, pretty
@@ -168,11 +166,7 @@ def load(folder: Path, name: str) -> tuple[np.ndarray, float]:
 
 def report_of(values: np.ndarray, rate: float) -> Report:
     """Return the report of a part of a record."""
-    with tempfile.TemporaryDirectory() as folder:
-        path = str(Path(folder) / "part.npz")
-        time = np.arange(len(values)) / rate
-        np.savez(path, t=time, gyro=values[:, :3], accel=values[:, 3:])
-        return replay(ReplayOptions(path=path))
+    return analyse(gyro=values[:, :3], accel=values[:, 3:], rate_hz=rate).report
 
 
 def interval(part: Estimate | None) -> tuple[float, float] | None:
