@@ -76,7 +76,7 @@ CAVEATS: Mapping[str, CaveatText] = {
     ),
     "vibration": CaveatText(
         "something vibrates: short times are distorted",
-        "The fit does not use the frequencies of a vibration, a hum or a spectral line. Mains, fans and pumps are "
+        "A vibration, a hum or a spectral line is not counted as noise of the sensor. Mains, fans and pumps are "
         "common causes.",
     ),
     "misfit": CaveatText(
@@ -360,21 +360,21 @@ def line_with_size(report: Report, caveat: str) -> str:
     models = [c.model for c in report.channels.values() if caveat in c.caveats and c.model is not None]
     periods = sorted({duration(period) for model in models for period in model.oscillations_s})
     if caveat == "vibration":
-        return f"{line(caveat)}{_left_out_of_spectrum(models)}"
+        return f"{line(caveat)}{_frequencies(models)}"
     if caveat == "oscillation" and periods:
         return f"{line(caveat)}; period {', '.join(periods)}"
     return line(caveat)
 
 
-def _left_out_of_spectrum(models: Sequence[NoiseModel]) -> str:
-    """Return which frequencies are left out because of a vibration, and which mains fold there; "" if none are."""
+def _frequencies(models: Sequence[NoiseModel]) -> str:
+    """Return the frequencies of a hum, and which mains fold there; "" if there is none."""
     hums = [model for model in models if model.vibration_hz]
     if not hums:
         return ""
     low, high = min(hum.vibration_hz[0] for hum in hums), max(hum.vibration_hz[-1] for hum in hums)
     mains = sorted({f"{hz:g} Hz" for hum in hums for hz in hum.vibration_mains_hz})
     cause = f"; mains of {' or '.join(mains[:2])} fold there" if mains else ""
-    return f"; {low:.2g} to {high:.2g} Hz are left out{cause}"
+    return f"; {low:.2g} to {high:.2g} Hz are not counted as noise{cause}"
 
 
 def advice(report: Report, caveat: str) -> str:

@@ -321,7 +321,7 @@ class NoiseModel:
 
     columns: tuple[ModelColumn, ...] = ()  # regressors in use
     lines_hz: tuple[float, ...] = ()  # Hz, lines that are no part of the noise
-    vibration_hz: tuple[float, ...] = ()  # Hz, both ends of a hum that is left out; empty: there is none
+    vibration_hz: tuple[float, ...] = ()  # Hz, both ends of a hum, which is no noise; empty: there is none
     vibration_mains_hz: tuple[float, ...] = ()  # Hz, mains and harmonics that fold to it
     oscillations_s: tuple[float, ...] = ()  # s, periods of slow oscillations that are no part of the noise
     jumps: Jumps | None = None  # levels of popcorn noise; null: the channel does not show two

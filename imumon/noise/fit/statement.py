@@ -175,7 +175,7 @@ class ChannelFit:
     explained : share of the variance of the means beyond white noise that follows the temperature; None: unknown.
     step : sudden change of the mean; None: there is none.
     lines_hz : Hz, lines of the spectrum that are no part of the noise.
-    hump_hz : Hz, range of frequencies that is left out because of a hum or a vibration; None: there is none.
+    hump_hz : Hz, range of frequencies of a hum or a vibration, which is no noise of the sensor; None: there is none.
     hump_mains_hz : Hz, mains and harmonics that fold into this range.
     oscillations_s : s, periods of slow oscillations that are left out.
     highest_hz : Hz, highest frequency in use; None without a fit.
