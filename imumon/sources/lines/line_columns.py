@@ -123,7 +123,7 @@ def line_columns(reading: Reading, settings: Mapping[str, str]) -> LineColumns:
     """Return the columns that a reading of the first lines has; raise `RecordingError` if they are increments."""
     layout = reading.layout()
     if layout.has_increments:  # without the interval of each they are no rates
-        raise RecordingError("columns_unclear", "the numbers are increments: print rates and accelerations")
+        raise RecordingError("columns_unclear", "the numbers are increments", "print rates and accelerations")
     used = {column.index for column in layout.used}
     source = ",".join(plain(name) if k in used else "-" for k, name in enumerate(reading.names))
     stream = Stream(

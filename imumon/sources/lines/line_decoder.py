@@ -194,17 +194,17 @@ class LineDecoder:
                 return
             table, reading = chosen_table(printed, text, self._options)
             if table.samples:
-                raise RecordingError(
-                    "columns_unclear", "a record of the lines holds several samples: print one in each"
-                )
+                several = "a record of the lines holds several samples"
+                raise RecordingError("columns_unclear", several, "print one in each")
             reading = replace(reading, uses=tuple(use for use in reading.uses if use.key != "rate"))
             used = reading.checked("the lines", accept=self._options.accept)
             columns = line_columns(used, {**self._settings, "map": reading.map})
         except ImumonError as error:
             proposal = getattr(error, "proposal", None)
-            advice = f": give the port with ?accept or ?map={proposal}" if proposal else ""
+            cure = error.cure if error.code == "columns_unclear" else ""  # others are those of files
+            advice = f"give the port with ?accept or ?map={proposal}" if proposal else cure
             # asked once: the sizes in it differ with every attempt
-            self._question = self._question or f"{error.message}{advice}"
+            self._question = self._question or f"{error.message}{': ' if advice else ''}{advice}"
             return
         self._question = None
         others = [other for other in printed if other is not table]
