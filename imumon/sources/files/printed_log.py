@@ -364,6 +364,8 @@ def _differ(rows: Floats, code: int, groups: Sequence[Any]) -> bool:
     """Return whether a column of (n, k) numbers differs far between groups of the rows; a clock does between any."""
     moves = np.array([bool((np.diff(column[np.isfinite(column)]) < 0.0).any()) for column in rows.T])
     moves[code] = False
+    if not moves.any():
+        return False  # nothing but clocks
     with warnings.catch_warnings(action="ignore"):  # a column without numbers in a group
         sizes = [np.nanquantile(rows[group][:, moves], (0.16, 0.5, 0.84), axis=0) for group in groups]
     low, middle, high = np.stack(sizes, axis=1)

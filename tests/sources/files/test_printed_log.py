@@ -230,6 +230,10 @@ def test_two_devices_in_turn_are_two_tables_whatever_their_numbers(tmp_path: Pat
     assert blocks[0].stream.interval_s == pytest.approx(0.04)
 
 
+def test_a_counter_beside_a_clock_divides_nothing() -> None:
+    assert len(tables("".join(f"{k},{k % 3}\n" for k in range(500)))) == 1
+
+
 def test_coarse_numbers_of_a_sensor_do_not_divide_the_rows() -> None:
     form = "{},{},{},{},{},{},{}"
     rows = [f"{form.format(*row)},{300 + k * 5 % 7}\n" for k, row in enumerate(ROWS.tolist())]
