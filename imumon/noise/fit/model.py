@@ -32,21 +32,22 @@ and a term is the object that knows these unit expectations:
 | information about it in a longer record | `time_to` | `rate_density` |
 
 Likelihood, search, statement and curve go through tuples of terms and ask each what they need (`grows`,
-`is_correlated`, `is_of_sensor`, `time_letter`). They name white noise, which is the first of the scored terms, and
-quantisation. A new term is one class, a place in one of the tuples below, and its row in `coefficients`: its
+`is_correlated`, `is_of_sensor`, `is_stated`, `time_letter`). They name white noise, which is the first of the scored
+terms, and quantisation. A new term is one class, a place in one of the tuples below, and its row in `coefficients`: its
 coefficient then is among those of the fit. The drawn model, its shares, the limits of the curve and `time_to` follow
 from its power. A term with a time constant needs two formulas: `rate_density` and `phase_autocovariance`.
 
-What is not noise with a density is no term. A line is a set of bins that are left out (`spectrum.spectral_lines`). A
+What is not noise with a density is no term. A line that keeps its frequency is a set of bins that are left out
+(`spectrum.spectral_lines`); one that wanders is a term, which the report does not state (`is_stated`), but names. A
 slow oscillation, a step or a drift is a regressor: a builder in `regressors` and a candidate in `slow_terms`.
 
 Three roles. *Gridded* terms (B and K, in every fit) span the grid on which the likelihood is computed: they trade
 against each other, their likelihoods are skewed, and their limits are quantiles. *Scored* terms are profiled at each
 point of the grid by Fisher's scoring, because the model is linear in them and the bands show them well (N), or they
 hardly disturb the others (Q); the single coefficients do not move them, so that no slow term can be scored. *Terms that
-are tried* (`TRIED`: M) have a time constant (`TimedTerm`), and a search for one record asks for observations that
-expect each of several (`spectral_powers`, `BlockSeries.with_terms`), puts the likeliest on a grid of its own, and
-passes it on as `Surface.beside`. Of several kinds, the likeliest one counts.
+are tried* (`TRIED`: M, and a line that wanders) have a time constant (`TimedTerm`), and a search for one record asks
+for observations that expect each of several (`spectral_powers`, `BlockSeries.with_terms`), puts them on a grid of their
+own, and passes the one to state on as `Surface.beside`. The likelihood is summed over all kinds.
 
 Example: the Allan variance of N = B = K = 1 at clusters of 4 samples that are true averages.
 

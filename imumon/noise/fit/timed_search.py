@@ -48,13 +48,13 @@ from imumon.noise.fit.likelihood import (
 from imumon.noise.fit.model import TRIED, NoiseTerm, TimedTerm, total
 
 SHORTEST = 10.0
-"""Least time constant of Gauss–Markov noise that is tried. Unit: samples.
+"""Least time constant that is tried. Unit: samples.
 
 Otherwise: with less, the term competes with a filter in the sensor, and N is what neither explains. Origin: below ten
 samples, the density is flat down to a tenth of the sampling rate: a low-pass has the same shape (`markov.py`).
 """
 LONGEST = 0.1
-"""Greatest time constant of Gauss–Markov noise that is tried. Unit: of the record.
+"""Greatest time constant that is tried. Unit: of the record.
 
 Otherwise: with more, it looks like a random walk, and no record distinguishes the two. Origin: a record of ten time
 constants has five independent values (`markov.py`).
@@ -66,14 +66,14 @@ Otherwise: with fewer, a term between two of them loses gain; with more, fits ar
 factor of 2.7 apart in 2 h at 40 Hz, and the density of the term is wider (`markov.py`).
 """
 PENALTY = 3.0
-"""Odds against Gauss–Markov noise before the data. Unit: odds.
+"""Odds against noise with a time constant before the data. Unit: odds.
 
 Otherwise: at 1, every record of flicker noise has odds above even, and limits of B reach to zero; at 8, half of the
 records of 36 time constants count as flicker and walk. Origin: noise without the term has even odds in 1 to 7 % of
 records, and odds of 19 in none of 400 (`markov.py`).
 """
 CERTAIN_ODDS = 19.0
-"""Gauss–Markov noise is measured; below, it is one of several noises that the record does not distinguish. Unit:
+"""Noise with a time constant shows; below, it is one of several noises that the record does not distinguish. Unit:
 odds.
 
 Otherwise: a standard deviation with a lower limit is stated of noise that may be flicker. Origin: 19 to 1 is 95 %, as

@@ -475,6 +475,8 @@ def _template_table(
     record = parsed[begin : begin + period]
     names, units, samples = number_labels(record)
     check_width(len(names))
+    if not names:
+        return []  # lines that come again, but have no number
     numbered = max(k for k, line in enumerate(record) if line.values)
     tail = "".join(f"{line.literals[0].strip()}\n" for line in record[numbered + 1 :])
     are_dates = [is_date for line in record for is_date in line.dates]

@@ -384,7 +384,11 @@ def _cell_pattern(table: PrintedTable, columns: Sequence[int], *, exact: bool) -
     codes, cells = dict(table.codes), []
     for k in range(len(table.names) if exact else max([*columns, *codes], default=-1) + 1):
         content = rf"([^{inside}\n]*?\d[^{inside}\n]*?)" if k in table.dates else f"({number})"
-        content = re.escape(codes[k]) if k in codes else content if k in columns else ""
+        if k in codes:
+            content = re.escape(codes[k])  # which may be the number of an axis, too
+            content = f"({content})" if k in columns else content
+        elif k not in columns:
+            content = ""
         cells.append(rf"{around}[\"']?{around}{content}{around}[\"']?{around}" if content else any_cell)
     end = r";?[ \t\r]*" if exact else rf"(?:;|[{inside}][^\n]*)?"
     return rf"^{blank}{separator.join(cells)}{end}\n"

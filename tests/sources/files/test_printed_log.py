@@ -230,6 +230,15 @@ def test_two_devices_in_turn_are_two_tables_whatever_their_numbers(tmp_path: Pat
     assert blocks[0].stream.interval_s == pytest.approx(0.04)
 
 
+def test_texts_that_no_program_prints_are_refused_or_asked_about(tmp_path: Path) -> None:
+    """A code of rows that is an axis by its name, and blank lines between few numbers."""
+    sensor = "".join(f"{['acc', 'gyr'][k % 2]}\t{9.8 + k % 7 * 1e-3}\t{k}\t{k}\n" for k in range(600))
+    for text in (f"ax\t\t\tid\n{sensor}", "\n\n2\n" + "\n\n1\n\n" * 15):
+        (tmp_path / "a.txt").write_text(text)
+        with pytest.raises(ImumonError):
+            list(open_recording(str(tmp_path / "a.txt"), ReadOptions(accept=True)))
+
+
 def test_a_counter_beside_a_clock_divides_nothing() -> None:
     assert len(tables("".join(f"{k},{k % 3}\n" for k in range(500)))) == 1
 
