@@ -221,7 +221,8 @@ class LineDecoder:
     ) -> None:
         """Read lines by what separates their cells; `checked` are further columns that must have numbers."""
         used = columns.layout.used
-        read = [*dict.fromkeys([*(column.index for column in used), *checked])]
+        indices = [column.index for column in used]  # a column that two names mean is there twice
+        read = [*indices, *(k for k in checked if k not in indices)]
         self.columns = columns
         self._forms = {
             mark: RecordForm(table, read, others, exact=True) for mark, table in tables_by_mark.items()

@@ -181,6 +181,12 @@ def test_the_first_lines_show_how_a_sample_is_printed(form: str, unit: str, firs
     assert times(again) == times(blocks)
 
 
+def test_a_column_whose_name_comes_twice_may_be_time_and_axis() -> None:
+    lines = "".join(f"{0.01 * k:.2f},{0.01 * (k % 3)},{9.8 + 0.01 * (k % 5)},9.7\n" for k in range(300))
+    blocks, _ = decoded(f"ax,ay,az,ax\n{lines}".encode(), {"accept": ""})
+    assert len(rows(blocks)) == 300
+
+
 LIKE_FILES = {
     "words and checks": "$IMX,{0:.2f},{1:.6f},{2:.6f},{3:.6f},{4:.4f},{5:.4f},{6:.4f}*4F\n",
     "dates": "2024-01-01T10:00:{0:09.6f},{1:.6f},{2:.6f},{3:.6f},{4:.4f},{5:.4f},{6:.4f}\n",
